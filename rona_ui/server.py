@@ -23,13 +23,14 @@ from starlette.types import ASGIApp
 
 from rona_core import __version__
 from rona_core.app.runtime.session_registry import SessionRegistry
-from rona_core.errors import InvalidInputError, RonaError
+from rona_core.errors import InvalidInputError
 from rona_ui.api import problems
 from rona_ui.api.access_guard import LOOPBACK, Access, Guard, is_loopback
 from rona_ui.api.context import PREFIX
 from rona_ui.api.routes import (
     commands,
     events,
+    files,
     implant,
     jobs,
     maps,
@@ -42,12 +43,13 @@ from rona_ui.api.routes import (
 )
 from rona_ui.api.routes import operator as hand
 from rona_ui.api.streams import Streams
-from rona_ui.resources import demo_session, sessions_dir, static_dir
+from rona_ui.resources import sessions_dir, static_dir
 from rona_ui.viewer.gateway import MAX_MESSAGE_BYTES, ViewerGateway
 
 MAX_BODY_BYTES = 1024**2  # of a request that is not an upload
 GRACE_S = 1  # for requests under way when the server ends
 PORT = 8642
+SESSION_PAGE = "/session"
 TAGS = {
     "session": "Open sessions and their changes. `current` stands for the one the viewer shows.",
     "files": "Session files and files of specimens.",
@@ -96,6 +98,7 @@ class ServerSettings:
     allow_hosts: tuple[str, ...] = ()
     token: str | None = field(default_factory=lambda: token_from_environment())
     open_browser: bool = True
+    file: Path | None = None  # session file to open first; None begins with the list of them
 
     def __post_init__(self) -> None:
         if self.token is None and not is_loopback(self.host):
@@ -138,7 +141,7 @@ def bare_app(hub: SessionRegistry, gateway: ViewerGateway | None) -> FastAPI:
     _add_pages(app)  # before the interface: FastAPI prepares a route when it is first passed
     if gateway is not None:
         app.router.routes.extend(gateway.routes())
-    parts = (sessions, recovery, commands, jobs, results, maps, implant, events)
+    parts = (sessions, files, recovery, commands, jobs, results, maps, implant, events)
     parts += (tracker, robot, probe, hand)
     declared = (commands.declared_commands(), jobs.declared_jobs())
     for router in (*(part.router for part in parts), sessions.files, *declared):
@@ -154,7 +157,11 @@ def _add_pages(app: FastAPI) -> None:
         headers = {"Content-Security-Policy": CONTENT_POLICY, "Cache-Control": "no-cache"}
         return lambda request: FileResponse(folder / name, headers=headers)
 
-    for path, name in (("/", "index.html"), (f"{PREFIX}/docs", "docs.html")):
+    for path, name in (
+        ("/", "index.html"),
+        (SESSION_PAGE, "index.html"),  # the same page, with the open session in sight
+        (f"{PREFIX}/docs", "docs.html"),
+    ):
         app.router.routes.append(Route(path, page(name), methods=["GET", "HEAD"]))
     icon = page("icon.svg")
     app.router.routes.append(Route("/favicon.ico", icon, methods=["GET", "HEAD"]))
@@ -222,25 +229,13 @@ def server_of(
     return Server(Guard(app, settings.access), app.state.streams, settings)
 
 
-def open_first_session(hub: SessionRegistry) -> None:
-    """Open a copy of the demo session, or a new session where there is none."""
-    demo = demo_session()
-    if demo.is_file():
-        try:
-            hub.open_upload(demo, demo.name)
-        except RonaError:
-            pass  # a demo of another version must not keep the program from starting
-        else:
-            return
-    hub.create()
-
-
 def address(settings: ServerSettings, port: int) -> str:
-    """Return the address to open, with the token."""
+    """Return the address to open, with the token: that of the session where a file is opened."""
     host = settings.host if settings.host not in ("0.0.0.0", "::", "") else "127.0.0.1"
     host = f"[{host}]" if ":" in host else host
     query = "" if settings.token is None else f"?token={settings.token}"
-    return f"http://{host}:{port}/{query}"
+    path = "/" if settings.file is None else SESSION_PAGE
+    return f"http://{host}:{port}{path}{query}"
 
 
 def has_display() -> bool:
@@ -266,7 +261,8 @@ def serve(
     with contextlib.ExitStack() as ends, bound:
         hub = build_registry(settings.sessions)
         ends.callback(hub.close_all)
-        open_first_session(hub)
+        if settings.file is not None:
+            hub.open_path(settings.file)
         gateway = ViewerGateway()
         ends.callback(gateway.close)
         server = server_of(hub, gateway, settings)

@@ -22,6 +22,8 @@ class SessionInfo:
     saved: bool  # whether its file holds it as it is now
     changes: bool  # whether closing it as it is now would lose something
     recovered: bool  # whether it was recovered after a crash, and not saved since
+    can_undo: bool
+    can_redo: bool
     copy: CopyState  # whether a copy is kept of what is not saved
     file: str | None
     seed: int
@@ -40,6 +42,8 @@ def info(hub: SessionRegistry, bench: Workbench) -> SessionInfo:
         saved=hub.is_saved(session.id),
         changes=hub.has_changes(session.id),
         recovered=hub.is_recovered(session.id),
+        can_undo=bench.store.can_undo,
+        can_redo=bench.store.can_redo,
         copy=hub.copy_state(session.id),
         file=None if path is None else path.name,
         seed=session.setup.seed,

@@ -90,6 +90,13 @@ def _verb(verbs: Any, name: str, text: str, more: str = "") -> argparse.Argument
 def _add_serve(verbs: Any) -> None:
     verb = _verb(verbs, "serve", "start the program for the browser")
     verb.add_argument(
+        "file",
+        type=Path,
+        nargs="?",
+        metavar="FILE",
+        help="session to open: a file of the sessions folder, or a copy of another one",
+    )
+    verb.add_argument(
         "--host", default="127.0.0.1", help="address to listen on (default: this machine only)"
     )
     verb.add_argument("--port", type=int, default=8642, help="port, 0 for a free one (8642)")

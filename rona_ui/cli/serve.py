@@ -68,6 +68,7 @@ def run(wanted: Any) -> NoReturn:
         allow_hosts=tuple(wanted.allow_host),
         token=None if wanted.no_auth else token_from_environment(),
         open_browser=not wanted.no_open,
+        file=wanted.file,
     )
 
     def say(url: str) -> None:

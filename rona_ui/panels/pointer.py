@@ -3,12 +3,13 @@
 from typing import Any
 
 from rona_core.app.steps.pointer.messages import CalibratePointer, StartPointerCapture
-from rona_ui.panels.tool.tool import CalibrationControls
+from rona_core.app.steps.tool.calibration_view import calibration_view
+from rona_ui.panels.tool.tool import HALF_ANGLE, CalibrationWords
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import on_click
 from rona_ui.panels.widgets.step_panel import StepPanel
 from rona_ui.panels.widgets.stroke_sources import ImportControls
-from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.snapshot import Snapshot, changed
 
 METHODS = {
     "Maximum likelihood": "ml",
@@ -34,7 +35,7 @@ class PointerPanel(StepPanel):
     def build(self) -> None:
         """Add cone, duration and method."""
         self.form.number(
-            "cone_deg", "Cone (deg)", StartPointerCapture().cone_deg, 1.0, 60.0, 1.0, "Half-angle"
+            "cone_deg", "Cone (deg)", StartPointerCapture().cone_deg, 1.0, 60.0, 1.0, HALF_ANGLE
         )
         self.form.number("duration_s", "Duration (s)", 15.0, 1.0, 120.0, 1.0)
         self.form.choice("method", "Method", METHODS, "ml")
@@ -45,13 +46,13 @@ class PointerPanel(StepPanel):
         self._finish = self.gui.add_button("Finish and calibrate", icon="check", visible=False)
         on_click(self._finish, lambda e: self.context.service("finish", e, None))
         self._refit = self.context.send_button(self.gui, "Fit again", "refresh", self._fit_again)
-        self._calibration = CalibrationControls(self.gui, self.context, "pointer")
+        self._calibration = CalibrationWords(self.gui, "pointer")
+        self._excluded: tuple[int, ...] = ()
         self._import = ImportControls(self.gui, self.context, "pivot")
 
     def _fit_again(self) -> CalibratePointer:
         """Return the fit by the chosen method, without the poses that are left out by hand."""
-        excluded = self._calibration.excluded()
-        return CalibratePointer(**self.form.values("method"), exclude=excluded)
+        return CalibratePointer(**self.form.values("method"), exclude=self._excluded)
 
     def _capture_by_hand(self) -> StartPointerCapture:
         return StartPointerCapture(**self.form.values("duration_s"), by_hand=True)
@@ -66,6 +67,9 @@ class PointerPanel(StepPanel):
         self._finish.visible = new.pivoting_by_hand
         self._help.content = style.note(HELP) if new.pivoting_by_hand else ""
         self._calibration.render(old, new)
+        if changed(old, new, "session.results.pointer"):
+            view = calibration_view(new.session, "pointer")
+            self._excluded = () if view is None else view.excluded
         self._import.render(new)
         self._refit.visible = new.session.captures.pointer is not None
         self._refit.disabled = new.busy

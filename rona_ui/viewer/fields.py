@@ -2,7 +2,9 @@
 
 viser tells of every key. The page keeps what is being typed to itself (``static/fields.js``) and
 sends the text as it stands when it is finished. It is read here, held against the limits of its
-field and written into it, or refused; then the field shows what it held before.
+field and written into it, or refused; then the field shows what it held before, and why stands
+below it. Beside each control its hint is kept for the page, which shows it where viser does not: on
+buttons and on labels (``static/docks.js``).
 """
 
 import json
@@ -14,9 +16,13 @@ from typing import Any
 from rona_core.errors import InvalidInputError
 from rona_ui.viewer.bindings import Event, escape
 from rona_ui.viewer.gateway import uuid_of
+from rona_ui.viewer.hints import HINTS
 
 DECIMALS = 6  # that a number field shows; viser takes those of its step
 MOST_CHARS = 40  # of a refused text that are told
+TYPED = ("add_text", "add_number", "add_vector3", "add_slider")  # fields that text is typed into
+OTHERS = ("add_button", "add_upload_button", "add_button_group", "add_checkbox", "add_dropdown")
+_UNIT = re.compile(r"\(([^()]+)\)$")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}(,\d{3})+")  # or a decimal comma: nobody can know
 
@@ -45,16 +51,39 @@ class Typed:
 
 
 class Field:
-    """A field of viser under the same names, which can be filled from a typed text."""
+    """A field of viser under the same names, which can be filled from a typed text.
 
-    def __init__(self, handle: Any, label: str) -> None:
-        self.__dict__.update(_handle=handle, _label=label, _calls=[])
+    ``explain(words)`` shows words below it.
+    """
+
+    def __init__(
+        self, handle: Any, label: str, beside: Any = None, hint: str | None = None
+    ) -> None:
+        """Take a handle; ``beside`` is the HTML that stands below it, with its hint."""
+        self.__dict__.update(
+            _handle=handle, _label=label, _beside=beside, _hint=hint, _words="", _calls=[]
+        )
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._handle, name)
 
     def __setattr__(self, name: str, value: Any) -> None:
+        moved = name == "value" and value != self._handle.value
         setattr(self._handle, name, value)
+        if moved or (name == "visible" and not value):
+            self.explain("")
+
+    def explain(self, words: str) -> None:
+        """Show words below the field, as why a text was refused; none with an empty text."""
+        if self._beside is not None and words != self._words:
+            self.__dict__["_words"] = words
+            self._beside.content = _beside(uuid_of(self._handle), self._hint, words)
+
+    def remove(self) -> None:
+        """Remove the field and what stands below it."""
+        self._handle.remove()
+        if self._beside is not None:
+            self._beside.remove()
 
     def on_update(self, call: Callable[[Any], Any]) -> Any:
         """Call ``await call(event)`` whenever the field changes."""
@@ -104,6 +133,21 @@ class Field:
             await call(Typed(client, self))
 
 
+def full_hint(hint: str | None, label: str, low: Any = None, high: Any = None) -> str | None:
+    """Return a hint with the limits of a number and its unit, which the label ends with."""
+    if not isinstance(low, int | float) or not isinstance(high, int | float):
+        return hint
+    unit = _UNIT.search(label)
+    limits = f"{low:.12g} to {high:.12g}{f' {unit[1]}' if unit else ''}."
+    return f"{hint.rstrip('.')}. {limits}" if hint else limits
+
+
+def _beside(uuid: str, hint: str | None, words: str = "") -> str:
+    """Return what stands below a control: its hint, which the page shows on hover, and words."""
+    told = "" if not hint else f'<i hidden data-hint-for="{escape(uuid)}">{escape(hint)}</i>'
+    return told + (f'<div class="r-wrong" role="note">{escape(words)}</div>' if words else "")
+
+
 class Fields:
     """The gui of one browser; its fields for texts and numbers wait until the typing is finished.
 
@@ -113,6 +157,7 @@ class Fields:
     def __init__(self, gui: Any, refuse: Callable[[Exception, Event], None]) -> None:
         self._gui, self._refuse = gui, refuse
         self._fields: dict[str, Field] = {}
+        self._explained: Field | None = None
         message = gui.add_text(
             "Typed", "{}", visible=False
         )  # what the page sends when it is finished
@@ -122,14 +167,23 @@ class Fields:
     def __getattr__(self, name: str) -> Any:
         """Return what the gui has; texts and numbers are added as fields that wait."""
         made = getattr(self._gui, name)
-        if name not in ("add_text", "add_number", "add_vector3", "add_slider"):
+        if name not in (*TYPED, *OTHERS):
             return made
 
-        def add(label: str, *rest: Any, **options: Any) -> Field:
+        def add(label: str, *rest: Any, **options: Any) -> Any:
+            limits = rest[:2] if name == "add_slider" else (options.get("min"), options.get("max"))
+            own = options.get("hint") or HINTS.get(label)
+            hint = options["hint"] = full_hint(own, label, *limits)
             handle = made(label, *rest, **options)
+            uuid = uuid_of(handle)
+            if name in OTHERS:
+                if hint:
+                    self._gui.add_html(_beside(uuid, hint))
+                return handle
             if name in ("add_number", "add_vector3") and not isinstance(handle.value, int):
                 handle.precision = DECIMALS  # more than the step has
-            field = self._fields[uuid_of(handle)] = Field(handle, label)
+            beside = self._gui.add_html(_beside(uuid, hint))
+            field = self._fields[uuid] = Field(handle, label, beside, hint)
             return field
 
         return add
@@ -137,10 +191,18 @@ class Fields:
     async def _typed(self, event: Any) -> None:
         if event.client is None:
             return
+        if self._explained is not None:
+            self._explained.explain("")
         try:
             field, part, text = self._read(event.target.value)
+        except InvalidInputError as error:
+            self._refuse(error, event)
+            return
+        try:
             changed = field.take(text, part)
         except InvalidInputError as error:
+            self._explained = field
+            field.explain(str(error))
             self._refuse(error, event)
             return
         if changed:

@@ -10,6 +10,8 @@ from typing import Any
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.implant.view import MillingView, milling_view
 from rona_core.app.steps.maps.comparison import MapComparison, compare_with_truth
+from rona_core.devices.live import live_tracker_of
+from rona_core.devices.samples import TrackerFrame
 from rona_core.errors import RonaError
 from rona_core.session.document import Session
 from rona_ui.presentation.static_scene import StaticScene, read_static_scene, static_scene_key
@@ -22,7 +24,10 @@ class BackgroundState:
     rig: Any = None
     static_scene: StaticScene | None = None
     figures: dict[str, Any] = field(default_factory=dict)
+    judged: Session | None = None  # whose figures they are
+    computing: bool = False
     truth: MapComparison | None = None  # the maps beside the true bone
+    frame: TrackerFrame | None = None  # what the tracker sees while nothing is under way
     milling: MillingView | None = None  # of the bed; None where there is none to mill
 
 
@@ -35,7 +40,6 @@ class BackgroundFigures:
         self._wish: tuple[Workbench, Session, bool] | None = None
         self._state = BackgroundState()
         self._key: object = None
-        self._judged: object = None
         self._open = True
         threading.Thread(target=self._run, name="rona-behind", daemon=True).start()
 
@@ -45,6 +49,8 @@ class BackgroundFigures:
             seen = self._wish
             if seen is None or seen[1] is not session or seen[2] != busy:
                 self._wish = bench, session, busy
+                if not busy and not _same_figures(self._state.judged, session):
+                    self._state = replace(self._state, computing=True)
                 self._ready.notify()
             return self._state
 
@@ -66,29 +72,57 @@ class BackgroundFigures:
                 try:
                     self._work(*wish)
                 except RonaError:
-                    continue  # a set-up that cannot be built is told by whoever starts a step
+                    pass  # a set-up that cannot be built is told by whoever starts a step
                 except Exception:  # a defect must not end the thread
                     traceback.print_exc(file=sys.stderr)
+                self._rest(wish)
 
     def _work(self, bench: Workbench, session: Session, busy: bool) -> None:
         key = session.id, *static_scene_key(session.setup)
         if key != self._key:
-            self._put(figures={}, truth=None)
+            self._put(figures={}, judged=None, truth=None)
             rig = bench.rig()
             self._put(rig=rig, static_scene=read_static_scene(rig, session.setup))
             self._key = key
+        if not busy:
+            self._put(frame=frame_now(bench))
         milling = milling_of(session)
         if milling is not self._state.milling:
             self._put(milling=milling)
-        judged = session.id, session.results, session.captures, session.setup
-        if not busy and judged != self._judged:
-            self._put(figures=bench.figures(), truth=_beside_truth(bench))
-            self._judged = judged
+        if not busy and not _same_figures(self._state.judged, session):
+            self._put(figures=bench.figures(), judged=session, truth=_beside_truth(bench))
+
+    def _rest(self, wish: tuple[Workbench, Session, bool]) -> None:
+        """Say that nothing is being computed, unless something else is wanted by now."""
+        with self._ready:
+            if self._wish is not wish or not self._state.computing:
+                return
+        self._put(computing=False)
 
     def _put(self, **parts: Any) -> None:
         with self._ready:
             self._state = replace(self._state, **parts)
         self._wake()
+
+
+def frame_now(bench: Workbench) -> TrackerFrame | None:
+    """Return what the tracker sees now; None where it is not to be watched between captures."""
+    try:
+        live = live_tracker_of(bench.rig())
+        if live is None or bench.jobs.devices_busy:
+            return None
+        return live.frame(bench.session.setup.devices.tracker)
+    except RonaError:
+        return None
+
+
+def _same_figures(judged: Session | None, session: Session) -> bool:
+    """Return whether the figures of ``judged`` are those of ``session``, too."""
+    return judged is not None and _judged_parts(judged) == _judged_parts(session)
+
+
+def _judged_parts(session: Session) -> tuple[object, ...]:
+    return session.id, session.results, session.captures, session.setup
 
 
 def milling_of(session: Session) -> MillingView | None:

@@ -8,18 +8,18 @@ from typing import Any
 
 import numpy as np
 
-from rona_core.app.report.report import workbench_report
-from rona_core.app.runtime.saving.export_captures import export_recording
-from rona_core.app.runtime.session_registry import CURRENT, SessionRegistry
+from rona_core.app.runtime.session_registry import SessionRegistry
 from rona_core.app.steps.implant.export import export_bed
+from rona_core.app.steps.implant.view import moved_bed
 from rona_core.app.steps.maps.comparison import compare_maps
 from rona_core.app.steps.maps.export import export_maps
-from rona_core.errors import InvalidInputError, NotFoundError
+from rona_core.app.steps.setup.messages import SetRegion
+from rona_core.errors import NotFoundError
 from rona_core.geometry.arrays import Floats
 from rona_core.mapping.comparison.reference_bone import Registration
 from rona_ui.panels.layout.docks import Docks
 from rona_ui.panels.widgets.panel_context import PanelContext
-from rona_ui.presentation.camera import STEP_PRESETS, UP, camera_pose
+from rona_ui.presentation.camera import FOV_RAD, NARROWEST, STEP_PRESETS, UP, camera_pose
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.path.path_editing import STROKES, extended, point_at
@@ -58,7 +58,8 @@ class Browser:
             self._scene = SceneRenderer(client.scene)
         client.camera.up_direction = UP
         client.camera.near, client.camera.far = NEAR_M, FAR_M
-        self._set_camera("Overview")
+        client.camera.fov = FOV_RAD
+        self._set_camera("Overview", settled=False)
 
     @property
     def view(self) -> ViewState:
@@ -84,15 +85,20 @@ class Browser:
         self._drawn = new
         self._listen_to_pivot_handles()
         if new.static_scene is not None:
+            before = None
+            if old is not None and old.static_scene is not None:
+                before = STEP_PRESETS[old.view.step]
             focus = STEP_PRESETS[new.view.step]
-            if old is None or old.static_scene is None or STEP_PRESETS[old.view.step] != focus:
-                self._set_camera(focus)
+            if before != focus:
+                self._set_camera(focus, settled=before is not None)
 
     # -------------------------------------------------------------- camera
 
-    def _set_camera(self, name: str) -> None:
+    def _set_camera(self, name: str, *, settled: bool = True) -> None:
+        """Look as a preset does; until the docks are ``settled`` the canvas is still wider."""
         static_scene = None if self._drawn is None else self._drawn.static_scene
-        sight = camera_pose(name, static_scene)
+        aspect = max(self.client.camera.aspect, NARROWEST) if settled else NARROWEST
+        sight = camera_pose(name, static_scene, aspect)
         with self.client.atomic():
             self.client.camera.position = metres(sight.eye_base)
             self.client.camera.look_at = metres(sight.target_base)
@@ -138,7 +144,29 @@ class Browser:
             if command is not None:
                 bench.dispatch(command)
 
-        self._bindings.call(draw if self._view.drawing in STROKES else edit, event)
+        def choose_region() -> None:
+            bench = self._hub.get()
+            display = bench.rig().display
+            place = display.pick(origin_base, ray)
+            if place is not None and phase == "click":
+                x, y, z = (float(v) for v in display.point_mesh(place))
+                bench.dispatch(SetRegion((x, y, z), bench.session.setup.region.radius_mm))
+                self.change_view(lambda v: replace(v, drawing=None))
+
+        def move_bed() -> None:
+            place = self._hub.get().rig().display.pick(origin_base, ray)
+            if place is None or self._view.drawing != "implant":
+                return
+            x, y, z = (float(v) for v in place)
+            self.change_view(lambda v: replace(v, move_target=(x, y, z)))
+            self._bindings.send_debounced(
+                "bed", lambda: moved_bed(self._hub.get().session, place), event
+            )
+
+        modes = {"region": choose_region, "implant": move_bed}
+        drawing = self._view.drawing or ""
+        work = draw if drawing in STROKES else modes.get(drawing, edit)
+        self._bindings.call(work, event)
 
     # -------------------------------------------------------------- the pointer in the hand
 
@@ -164,21 +192,14 @@ class Browser:
     # -------------------------------------------------------------- the service
 
     def _service(self, what: str, event: Event, data: str | bytes | None) -> None:
-        if what == "stop":
-            self._bindings.stop(event)
-        elif what == "escape":
-            self._bindings.escape(self._escape, event)
+        if what == "escape":
+            self._bindings.escape(lambda: self.change_view(without_mode), event)
         elif what == "finish":
             self._bindings.call(lambda: self._hub.get().finish_pointer(), event)
         elif what == "cancel":
             self._bindings.call(self._cancel, event)
         else:
             self._bindings.call(lambda: self._serve(what, data), event)
-
-    def _escape(self) -> None:
-        """Close one thing: a question, by Cancel, or else drawing and editing."""
-        if not self._docks.question.cancel():
-            self.change_view(without_mode)
 
     def _cancel(self) -> None:
         bench = self._hub.get()
@@ -187,24 +208,10 @@ class Browser:
                 bench.jobs.cancel(status.id)
 
     def _serve(self, what: str, data: str | bytes | None) -> None:
-        then = ""
-        if what.startswith("save:"):  # an open session, and once it is saved something else
-            what, _, then = what.partition("+")
         verb, _, name = what.partition(":")
         if verb == "save":
-            path = self._hub.save(name or CURRENT)
+            path = self._hub.save()
             notify(self.client, "Saved", path.name, "green")
-        elif verb == "open":
-            self._hub.open_file(name)
-        elif verb == "new":
-            self._hub.create()
-        elif verb == "show":
-            self._hub.make_current(name)
-        elif verb in ("close", "drop"):
-            self._close(name, changed_too=verb == "drop")
-        elif verb == "download":
-            made = export_recording(self._hub.get().session, int(name))
-            self.client.send_file_download(made.name, made.data, save_immediately=True)
         elif verb == "export":
             data = export_maps(self._hub.get().session, name)
             self.client.send_file_download(name, data, save_immediately=True)
@@ -214,23 +221,10 @@ class Browser:
         elif verb in COMPARE and isinstance(data, bytes):
             found = compare_maps(self._hub.get().session, data, name, COMPARE[verb])
             self.change_view(lambda view: replace(view, comparison=found))
-        elif verb == "report":
-            page = workbench_report(self._hub.get()).encode("utf-8")
-            self.client.send_file_download("report.html", page, save_immediately=True)
         elif verb == "upload" and isinstance(data, bytes):
             self._hub.files.store_upload(PurePath(name).name, data)
         else:
             raise NotFoundError(f"there is no service {what!r}")
-        if then:
-            self._serve(then, data)
-
-    def _close(self, session_id: str, *, changed_too: bool) -> None:
-        """Close a session; where it was the only one, a new one is opened."""
-        if self._hub.has_changes(session_id) and not changed_too:
-            raise InvalidInputError("the session has changed meanwhile: save it, or close again")
-        if self._hub.ids() == (session_id,):
-            self._hub.create()
-        self._hub.close(session_id)
 
 
 def without_mode(view: ViewState) -> ViewState:

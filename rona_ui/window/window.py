@@ -19,21 +19,21 @@ from rona_core.app.runtime.jobs import JobStatus
 from rona_core.app.runtime.session_registry import SessionRegistry
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.maps.growing_map import Pass
-from rona_core.app.steps.scan.planned_motion import motion_times
 from rona_core.app.steps.surface.derivation import replayed_pointer
 from rona_core.errors import CancelledError, NotFoundError
 from rona_core.session.document import Session
 from rona_ui.labels import in_words, place_of
+from rona_ui.presentation.shown import replay_duration_s
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.refusals import Refusals
 from rona_ui.viewer.bindings import TITLES, Bindings, notify
+from rona_ui.viewer.theme import set_theme
 from rona_ui.window.background_figures import BackgroundFigures
 from rona_ui.window.background_growth import BackgroundGrowth
 from rona_ui.window.browser import Browser
 
 TICK_S = 1.0 / 30.0  # while something moves
-BRAND = (0, 91, 143)
 PASSES: dict[str, Pass] = {"StartScan": "first", "StartGapScan": "second"}
 IDLE_S = 0.5  # while nothing does; a change wakes the thread at once
 
@@ -58,9 +58,7 @@ class Window:
         self._growth = BackgroundGrowth(self.wake)
         self._unsubscribe_hub = hub.subscribe(self.wake)
         server.scene.world_axes.visible = False
-        server.gui.configure_theme(
-            brand_color=BRAND, show_logo=False, show_share_button=False, dark_mode=False
-        )
+        set_theme(server.gui)
         server.on_client_connect(self._enter)
         server.on_client_disconnect(self._leave)
         self._thread = threading.Thread(target=self._run, name="rona-window", daemon=True)
@@ -171,19 +169,17 @@ class Window:
             steps=self._steps[1],
             live=live,
             job=job,
+            left_s=None if job is None else job.time_left_s(time.monotonic()),
             static_scene=facts.static_scene,
             T_base_pointermarker=pointer,
+            frame=live.frame if busy else facts.frame,
             growing=self._growth.ask(session, live, _scanned_pass(job)) if self._browsers else None,
             figures=facts.figures,
+            judged=facts.judged,
+            computing=facts.computing,
             truth=facts.truth,
             milling=facts.milling,
             pivoting_by_hand=busy and bench.pointer_in_hand(),
-            saved=self._hub.is_saved(session.id),
-            copy=self._hub.copy_state(session.id),
-            changes=self._hub.has_changes(session.id),
-            recovered=self._hub.is_recovered(session.id),
-            opened=tuple((b.session.id, b.session.name) for b in self._hub.all()),
-            files=self._hub.files.all(),
             refused=self._refusals.count,
             refusals=self._refusals.of(session.id),
         )
@@ -230,14 +226,14 @@ def _scanned_pass(job: JobStatus | None) -> Pass | None:
 
 def _advance(browser: Browser, session: Session, elapsed_s: float) -> None:
     """Move the replay cursor on; at the end it stops."""
-    times = motion_times(session, second=browser.view.second)
-    if times is None:
+    duration_s = replay_duration_s(session, browser.view)
+    if duration_s is None:
         browser.change_view(lambda v: replace(v, playing=False))
         return
 
     def step(view: ViewState) -> ViewState:
-        at = (view.cursor or 0.0) + elapsed_s * view.speed / max(times[0], 1e-9)
-        return replace(view, cursor=min(at, 1.0), playing=at < 1.0)
+        at = (view.replay_cursor or 0.0) + elapsed_s * view.speed / max(duration_s, 1e-9)
+        return view.replayed_at(min(at, 1.0), playing=at < 1.0)
 
     browser.change_view(step)
 

@@ -1,4 +1,4 @@
-"""What step 10 made: the milling path of the bed, and the body that is milled away."""
+"""What step 10 made: milling path of the bed, body that is milled away, the robot's motion."""
 
 from typing import Annotated, Any, Literal
 
@@ -13,6 +13,10 @@ OCTETS = "application/octet-stream"
 FILE: dict[int | str, dict[str, Any]] = {
     200: {"content": {OCTETS: {}}, "description": "The file"},
 }
+MotionFormat = Annotated[
+    Literal["csv", "urscript"], Query(description="a table, or a program for a UR arm")
+]
+MOTION_FILES = {"csv": "milling_joints.csv", "urscript": "milling.script"}
 PathFormat = Annotated[Literal["csv", "gcode"], Query(description="a table, or for a machine")]
 
 
@@ -22,7 +26,7 @@ def get_bed_path(bench: Bench, format: PathFormat = "csv") -> Response:
 
     `csv` has feed, kind of move, layer and burr in each row; `gcode` is in mm and mm/min, its zero
     in the middle of the implant's seat. Refused while there is no bed, while it is stale, and where
-    it does not lie wholly in the maps. No robot has been asked whether it can.
+    it does not lie wholly in the maps. How the robot follows it is in `bed/motion`.
     """
     return _file(bench, f"bed_path.{format}")
 
@@ -34,6 +38,17 @@ def get_bed_body(bench: Bench) -> Response:
     Refused while there is no bed, while it is stale, and where it does not lie wholly in the maps.
     """
     return _file(bench, "bed.stl")
+
+
+@router.get("/sessions/{session_id}/bed/motion", response_class=Response, responses=FILE)
+def get_bed_motion(bench: Bench, format: MotionFormat = "csv") -> Response:
+    """Download how the robot mills the bed: joint angles in rad over time in s, from home to home.
+
+    `csv` has layer and burr in each row; `urscript` is a program for UR arms alone, which follows
+    the angles by `servoj` and waits for another burr: check it at reduced speed. Refused while no
+    motion is certified, and while it is stale.
+    """
+    return _file(bench, MOTION_FILES[format])
 
 
 def _file(bench: Bench, name: str) -> Response:

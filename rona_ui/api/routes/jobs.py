@@ -1,5 +1,6 @@
 """Activities as jobs: start, list, ask, follow, cancel."""
 
+import time
 from collections.abc import AsyncIterator, Callable
 from dataclasses import asdict, dataclass, fields
 from typing import Annotated, Any
@@ -35,12 +36,15 @@ class JobInfo:
     error: str | None
     revision: int | None  # of the session, once the outcome is stored
     result: Replay | None  # what `StartReplay` found, once it is done
+    time_left_s: float | None  # an estimate; null while nobody knows
 
 
 def job_info(bench: Workbench, status: JobStatus) -> JobInfo:
     """Return how a job stands, with its session."""
     held = {field.name: getattr(status, field.name) for field in fields(status)}
-    return JobInfo(session=bench.session.id, finished=status.finished, **held)
+    del held["started_s"]  # of a clock that only this process has
+    left_s = status.time_left_s(time.monotonic())
+    return JobInfo(session=bench.session.id, finished=status.finished, time_left_s=left_s, **held)
 
 
 def start(bench: Workbench, activity: Any, response: Response) -> JobInfo:

@@ -137,11 +137,9 @@ async def upload_session(
 def get_session(hub: Sessions, session_id: SessionId) -> dict[str, Any]:
     """Return a session in short, with its set-up, what it holds and what can be undone."""
     bench, short = found(hub, session_id)
-    session, store = bench.session, bench.store
+    session = bench.session
     return {
         **asdict(short),
-        "can_undo": store.can_undo,
-        "can_redo": store.can_redo,
         "setup": {
             "seed": session.setup.seed,
             "specimen": _specimen(session.setup.specimen),

@@ -6,12 +6,14 @@ import numpy as np
 
 from rona_core.app.steps.implant.implant_bed import ImplantBed
 from rona_core.app.steps.implant.messages import PlaceBed
+from rona_core.app.steps.implant.view import placed_turns
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
-from rona_ui.panels.widgets.panel_context import PanelContext, on_change
+from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
 from rona_ui.presentation.snapshot import Snapshot, changed
 
 EXPLANATION = "Moves, turns and tilts the bed. The verdict follows when a slider rests."
+HELP = "Click the skull, or drag on it: the bed follows, and its verdict. Drag beside it to rotate."
 REACH_MM = 60.0  # no region is larger; once there are maps, they say
 ASKED = ("implant", "limit_mm", "probability", "burr_mm")  # of the fields above
 
@@ -26,6 +28,10 @@ class ByHandFolder:
         self._window = gui.add_folder("Place by hand", visible=False, expand_by_default=False)
         with self._window:
             gui.add_html(style.text(EXPLANATION))
+            hint = "Moves the bed to where you click or drag on the skull"
+            self._move = gui.add_button("Move on the skull", icon="target", color="gray", hint=hint)
+            self._help = gui.add_html("")
+            self._done = context.view_button(gui, "Done", "check", drawing=None, move_target=None)
             self._across = {
                 name: form.slider(name, label, 0.0, -REACH_MM, REACH_MM, 0.5)
                 for name, label in (("u_mm", "Along u (mm)"), ("v_mm", "Along v (mm)"))
@@ -37,8 +43,13 @@ class ByHandFolder:
                 form.slider("tilt_y_deg", "Tilt about y (deg)", 0.0, -15.0, 15.0, 0.5),
                 form.slider("lift_mm", "Lift by hand (mm)", 0.0, 0.0, 4.0, 0.25),
             )
+        on_click(self._move, self._begin)
         for slider in sliders:
             on_change(slider, lambda e: context.send_debounced("bed", self.message, e))
+
+    def _begin(self, event: Any) -> None:
+        self._context.set_view(drawing="implant", move_target=None)
+        self._context.set_camera("Region")
 
     def message(self) -> PlaceBed:
         """Return the placement that the sliders hold, of what the fields of the step ask for."""
@@ -50,6 +61,10 @@ class ByHandFolder:
         self._window.visible = new.step("implant").blocked is None
         if old is None or old.busy != new.busy:
             self._form.enable(not new.busy)
+        held, moving = new.session.results.get("bed"), new.view.drawing == "implant"
+        self._move.visible, self._done.visible = not moving, moving
+        self._move.disabled = new.busy or held is None
+        self._help.content = style.note(HELP) if moving else ""
         maps = new.session.results.maps
         if maps is not None and changed(old, new, "session.results.maps"):
             outer = maps.value.outer
@@ -57,7 +72,6 @@ class ByHandFolder:
                 cells = outer.u_mm if name == "u_mm" else outer.v_mm
                 slider.min, slider.max = float(np.floor(cells[0])), float(np.ceil(cells[-1]))
                 slider.value = min(max(slider.value, slider.min), slider.max)
-        held = new.session.results.get("bed")
         before = None if old is None else old.session.results.get("bed")
         if held is None or held is before or dict(held.arguments) == self._sent:
             return
@@ -69,14 +83,4 @@ def _slider_values(bed: ImplantBed) -> dict[str, float]:
     if bed.placed is None:
         return {}
     at = bed.placed.placement
-    turns = np.rad2deg((at.angle_rad, at.tilt_x_rad, at.tilt_y_rad))
-    angle, tilt_x, tilt_y = (round(float(turn), 2) for turn in turns)
-    angle = (angle + 180.0) % 360.0 - 180.0
-    return {
-        "u_mm": float(at.u_mm),
-        "v_mm": float(at.v_mm),
-        "angle_deg": angle,
-        "tilt_x_deg": tilt_x,
-        "tilt_y_deg": tilt_y,
-        "lift_mm": bed.lift_mm,
-    }
+    return {"u_mm": float(at.u_mm), "v_mm": float(at.v_mm), **placed_turns(bed)}

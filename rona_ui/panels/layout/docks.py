@@ -4,11 +4,11 @@ from typing import Any
 
 from rona_ui.panels.implant.implant import ImplantPanel
 from rona_ui.panels.layout.frames_and_log import FramesPanel, LogPanel
+from rona_ui.panels.layout.page_link import PageLink
 from rona_ui.panels.layout.quality import QualityPanel
+from rona_ui.panels.layout.refused import Refused
 from rona_ui.panels.layout.replay_bar import ReplayPanel
 from rona_ui.panels.layout.run_bar import RunBar, StepList, StepTitle
-from rona_ui.panels.layout.session import SessionHead, SessionPanel
-from rona_ui.panels.layout.view_options import ViewOptionsPanel
 from rona_ui.panels.maps.maps import MapsPanel
 from rona_ui.panels.path.path import PathPanel
 from rona_ui.panels.path.path_graph import PathGraph
@@ -24,10 +24,11 @@ from rona_ui.panels.setup.probe import ProbeComparisonPanel
 from rona_ui.panels.setup.setup import SetupPanel
 from rona_ui.panels.smoothing import SmoothingPanel
 from rona_ui.panels.surface import SurfacePanel
+from rona_ui.panels.tool.calibration import CalibrationPanel
 from rona_ui.panels.tool.tool import ToolPanel
 from rona_ui.panels.widgets.panel_context import Panel, PanelContext
 from rona_ui.panels.widgets.step_panel import StepPanel
-from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.resources import static_dir
 
 STEP_PANELS: tuple[type[StepPanel], ...] = (
@@ -42,7 +43,33 @@ STEP_PANELS: tuple[type[StepPanel], ...] = (
     MapsPanel,
     ImplantPanel,
 )
+TABS = {  # of the right dock that go with a step: the upper one, the lower one
+    "setup": ("Quality", "Probes"),
+    "tool": ("Quality", "Poses"),
+    "pointer": ("Quality", "Poses"),
+    "surface": ("Quality", "Path"),
+    "path": ("Quality", "Path"),
+    "smoothing": ("Quality", "Path"),
+    "roll": ("Rolls", "Joints"),
+    "scan": ("Quality", "A-scan"),
+    "maps": ("Quality", "A-scan"),
+    "implant": ("Quality", "A-scan"),
+}
 LEFT_PX, RIGHT_PX, REPLAY_PX = 340, 380, 430
+
+
+class TabsOfStep:
+    """Tells the page which tabs go with the active step; it opens them (``static/docks.js``)."""
+
+    def __init__(self, gui: Any) -> None:
+        self._html = gui.add_html("")
+
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
+        """Follow the active step."""
+        if changed(old, new, "view.step"):
+            step = new.view.step
+            tabs = ",".join(TABS[step])
+            self._html.content = f'<i hidden data-step="{step}" data-step-tabs="{tabs}"></i>'
 
 
 class Docks:
@@ -55,14 +82,14 @@ class Docks:
         left.set_width(LEFT_PX)
         sheet = (static_dir() / "docks.css").read_text("utf-8")
         gui.add_html(f"<style>{sheet}</style>")
-        panels: list[Panel] = [SessionHead(gui), StepList(gui, context), StepTitle(gui)]
+        step_list = StepList(gui, context)
+        panels: list[Panel] = [step_list, StepTitle(gui), TabsOfStep(gui)]
         steps: dict[str, StepPanel] = {}
         run_bar = RunBar(gui, context, steps)  # above the fields, so that it never scrolls away
+        panels.append(Refused(gui))
         steps.update({kind.step: kind(gui, context) for kind in STEP_PANELS})
         panels += [*steps.values(), run_bar]
-        session = SessionPanel(gui, context)
-        self.question = session.question  # what is asked over the viewer
-        panels += [ViewOptionsPanel(gui, context), session]
+        panels.append(PageLink(gui, context, {**step_list.buttons, **run_bar.buttons}))
         panels += self._right(gui, context)
         replay = gui.add_panel(visible=False)
         with replay.add_tab("Replay", "player-play"):
@@ -79,6 +106,7 @@ class Docks:
             (upper, "Rolls", "rotate-360", lambda: RollsPanel(gui, context)),
             (upper, "Frames", "axis-x", lambda: FramesPanel(gui)),
             (upper, "Log", "list", lambda: LogPanel(gui)),
+            (lower, "Poses", "crosshair", lambda: CalibrationPanel(gui, context)),
             (lower, "Path", "route", lambda: PathGraph(gui)),
             (lower, "Joints", "chart-line", lambda: JointsPanel(gui, context)),
             (lower, "Checks", "shield-check", lambda: ChecksPanel(gui, context)),

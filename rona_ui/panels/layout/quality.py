@@ -2,7 +2,9 @@
 
 from typing import Any
 
-from rona_core.app.overview.acceptance import QualityRow
+from rona_core.app.dependencies.step_states import StepState
+from rona_core.app.overview.acceptance import WORST_FIRST, QualityRow
+from rona_core.app.overview.pending_figures import pending_figures
 from rona_core.app.overview.quality_sections import quality_table
 from rona_core.app.steps.acoustics.view import thickness_shares
 from rona_core.app.steps.scan.contact_view import contact_report
@@ -13,39 +15,82 @@ from rona_ui.panels.widgets.step_panel import rows_of
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import escape
 
+Pair = tuple[QualityRow, QualityRow | None]  # a figure, and what was predicted of it
+MAX_PENDING = 6  # that are named
+
 
 class QualityPanel:
-    """A table: quantity, value with unit, limit, verdict."""
+    """A table: quantity, value with unit, limit, verdict; figures of the active step come first."""
 
     def __init__(self, gui: Any) -> None:
         self._html = gui.add_html(style.text("No figures yet: do the first steps."))
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
-        """Follow figures and session."""
-        if changed(old, new, "figures", "session.results", "steps"):
+        """Follow figures, session and active step."""
+        parts = ("figures", "judged", "computing", "session.results", "steps", "view.step")
+        if changed(old, new, *parts):
             stale = frozenset(step.name for step in new.steps if step.state == "stale")
-            self._html.content = table(rows_of(new), new.session, stale)
+            own = new.step(new.view.step)
+            words = table(rows_of(new), new.session, stale, own)
+            self._html.content = pending_note(new) + words
 
 
-def table(rows: tuple[QualityRow, ...], session: Session, stale: frozenset[str]) -> str:
+def pending_note(snapshot: Snapshot) -> str:
+    """Return which figures with a limit are still to be computed, as HTML; empty where none are."""
+    pending = pending_figures(snapshot.session, snapshot.judged)
+    titles = [
+        row.title
+        for row in rows_of(snapshot)
+        if row.key in pending and row.limit is not None and row.value is None
+    ]
+    if not titles or not (snapshot.computing or snapshot.busy):
+        return ""
+    words = "Computing" if snapshot.computing else "Computed after the running job"
+    more = f" and {len(titles) - MAX_PENDING} more" if len(titles) > MAX_PENDING else ""
+    return style.note(f"… {words}: {', '.join(titles[:MAX_PENDING])}{more}.")
+
+
+def table(
+    rows: tuple[QualityRow, ...],
+    session: Session,
+    stale: frozenset[str],
+    active: StepState | None = None,
+) -> str:
     """Return the figures that have a value, by section; it says which steps are stale.
 
-    Above it stands how many fail, are for review and pass. Those of stale results are left out.
+    Above it stands how many fail, are for review and pass. Figures of the active step come first,
+    and in each section those that fail. Those of stale results are left out.
     """
-    found = quality_table(rows)
+    found, own = quality_table(rows), "" if active is None else active.name
     mark = _mark(("tool", "pointer", "surface"), stale)
-    body = _predicted_rows(session, found.predicted, mark)
+    predicted = [row for row in found.predicted if row.step != own]
+    body = _predicted_rows(session, predicted, mark)
+    first: list[Pair] = [(row, None) for row in found.predicted if row.step == own]
     for part in found.sections:
+        others = [pair for pair in part.rows if pair[0].step != own]
+        first += [pair for pair in part.rows if pair[0].step == own]
         words = f"{part.title}, versus ground truth{_mark(part.steps, stale)}"
-        body += f'<tr class="sec"><td colspan="3">{words}</td></tr>'
-        body += "".join(_row(row, expected) for row, expected in part.rows)
-        body += _left_out(part.left_out)
+        if others or part.left_out:
+            body += _section(words) + _rows(others) + _left_out(part.left_out)
+    if active is not None and first:
+        title = f"Step {active.number}: {active.title}{_mark((own,), stale)}"
+        body = _section(title) + _rows(first) + body
     if not body:
         return style.text(
             "No figures yet. Each step adds its own, with a limit and a verdict beside it."
         )
     head = '<tr><th>Quantity</th><th class="n">Value, limit</th><th>Verdict</th></tr>'
     return f'{counts(rows)}<table class="r-table">{head}{body}</table>'
+
+
+def _section(words: str) -> str:
+    return f'<tr class="sec"><td colspan="3">{words}</td></tr>'
+
+
+def _rows(pairs: list[Pair]) -> str:
+    """Return figures with what was predicted of them, those that fail first."""
+    pairs = sorted(pairs, key=lambda pair: WORST_FIRST.index(pair[0].verdict))
+    return "".join(_row(*pair) for pair in pairs)
 
 
 def counts(rows: tuple[QualityRow, ...]) -> str:
@@ -98,7 +143,7 @@ def _value(row: QualityRow) -> str:
     return escape(f"{row.value:.{row.decimals}f} {row.unit}".strip())
 
 
-def _predicted_rows(session: Session, expected: tuple[QualityRow, ...], mark: str) -> str:
+def _predicted_rows(session: Session, expected: list[QualityRow], mark: str) -> str:
     """Return the predicted errors, without ground truth; mere residuals come last."""
     results, report, shares = session.results, contact_report(session), thickness_shares(session)
     lines: list[tuple[str, str]] = []
@@ -124,14 +169,14 @@ def _predicted_rows(session: Session, expected: tuple[QualityRow, ...], mark: st
             ("… by local speed variation", _mm(shares.place_mm)),
             ("… by inner-table inclination", _mm(shares.wedge_mm)),
         ]
-    rows = "".join(_row(row) for row in expected)
+    rows = _rows([(row, None) for row in expected])
     rows += "".join(
         f'<tr><td>{escape(title)}</td><td class="n" colspan="2"><b>{escape(value)}</b></td></tr>'
         for title, value in lines
     )
     if not rows:
         return ""
-    return f'<tr class="sec"><td colspan="3">Predicted, without ground truth{mark}</td></tr>{rows}'
+    return _section(f"Predicted, without ground truth{mark}") + rows
 
 
 def _mm(value_mm: float) -> str:

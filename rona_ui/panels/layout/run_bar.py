@@ -23,15 +23,17 @@ class StepList:
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
         self._rows: dict[str, Any] = {}
+        self.buttons: dict[str, Any] = {}  # by name of the step
         for number, name in enumerate(REGISTRY.step_names, start=1):
             self._rows[name] = gui.add_html("")
             button = gui.add_button(f"Step {number}: {REGISTRY.lines[name].title}")
+            self.buttons[name] = button
             opened = partial(context.set_view, step=name, drawing=None, picks=())
             on_click(button, lambda e, opened=opened: opened())
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Draw the rows that have changed."""
-        if not changed(old, new, "steps", "figures", "view.step"):
+        if not changed(old, new, "steps", "figures", "judged", "view.step"):
             return
         for state in new.steps:
             active, found = state.name == new.view.step, judged(new, state.name)
@@ -92,6 +94,7 @@ class RunBar:
         self._back = context.send_button(
             gui, "Retract probe", "arrow-back-up", StartRetract, visible=False
         )
+        self.buttons = {"start": self._start, "cancel": self._cancel, "next": self._next}
         on_click(self._start, lambda e: context.send(panels[self._step].message, e))
         on_click(self._cancel, lambda e: context.service("cancel", e, None))
         on_click(self._next, self._go_on)
@@ -104,6 +107,7 @@ class RunBar:
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow step, job, and whether the probe stands on the bone."""
         job, step = new.job, new.view.step
+        self._progress_words.content = progress_words(new)
         rests, self._rests = self._rests, probe_on_bone(new)  # follows live joints, not only steps
         if rests is self._rests and not changed(old, new, "job", "steps", "view"):
             return
@@ -119,14 +123,29 @@ class RunBar:
         self._start.disabled = state.blocked is not None
         self._back.visible = not busy and self._rests
         self._cancel.visible = self._progress.visible = busy
-        words = ""
         if busy and job is not None:
             self._progress.value = round(100.0 * min(max(job.progress, 0.0), 1.0), 1)
-            words = f"{escape(doing(job.activity))}: {100 * job.progress:.0f} %"
-        self._progress_words.content = f'<div class="r-text">{words}</div>' if words else ""
         last = step == REGISTRY.step_names[-1]
         self._next.visible = (done or partial) and not busy and not last and not drawing
         self._next.color = "gray" if partial else GO_ON
         if not last:
             after = new.step(REGISTRY.step_names[REGISTRY.step_names.index(step) + 1])
             self._next.label = f"Next: {after.number} {after.title}"
+
+
+def progress_words(snapshot: Snapshot) -> str:
+    """Return what is going on, how far it is, and how long it still takes; empty at rest."""
+    job = snapshot.job
+    if job is None or job.finished:
+        return ""
+    words = f"{doing(job.activity)}: {100 * job.progress:.0f} %"
+    return style.text(words if snapshot.left_s is None else f"{words}, {left(snapshot.left_s)}")
+
+
+def left(time_s: float) -> str:
+    """Return a time that is left in words, as coarse as it is known."""
+    if time_s < 8.0:
+        return "a few seconds left"
+    if time_s < 55.0:
+        return f"about {10 * max(round(time_s / 10.0), 1)} s left"
+    return f"about {max(round(time_s / 60.0), 1)} min left"

@@ -1,9 +1,9 @@
-"""Second pass over the gaps: planned, scanned and mapped, and what came of it."""
+"""Further passes over the gaps: planned, scanned and mapped, and what came of them."""
 
 from collections.abc import Callable
 from typing import Any
 
-from rona_core.app.steps.maps.derivation import usable_second
+from rona_core.app.steps.maps.further_passes import usable_second
 from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
 from rona_core.app.steps.maps.view import SecondView, second_cells, second_view
 from rona_ui.panels.widgets import style
@@ -16,7 +16,7 @@ from rona_ui.presentation.snapshot import Snapshot, changed
 
 SECOND_PASS = (
     "Where the inner table is inclined, its echo misses the probe. The robot scans these "
-    "gaps again with the probe tilted."
+    "gaps again with the probe tilted. Passes add up: each is planned over the gaps that are left."
 )
 SPREAD = "Difference of the expected inner-table slope between neighbouring rows (mm/mm)"
 TILT = "Above about 6° the probe face loses contact"
@@ -74,18 +74,20 @@ class SecondFolder:
         ready = view is not None and view.blocked is None
         self._plan.disabled = new.busy
         self._scan.disabled = new.busy or not ready
-        scanned = usable_second(new.session) is not None
-        self._plan.label = "Plan second pass again" if view is not None else "Plan second pass"
-        self._scan.label = "Scan gaps again" if scanned else "Scan gaps"
+        scanned = bool(usable_second(new.session))
+        done = view is not None and view.scanned
+        again = "Plan second pass again" if view is not None else "Plan second pass"
+        self._plan.label = "Plan next pass" if scanned else again
+        self._scan.label = "Scan gaps again" if done else "Scan gaps"
         self._plan.color = "gray" if ready else None
-        self._scan.color = "gray" if scanned else None
+        self._scan.color = "gray" if done else None
         self._map.visible = scanned and second_cells(new.session) is None
         self._map.disabled = new.busy
         self._words.content = second_pass_words(new, view, scanned)
 
 
 def second_pass_words(snapshot: Snapshot, view: SecondView | None, scanned: bool) -> str:
-    """Return what is planned, what was scanned, and the coverage before and after."""
+    """Return what is planned, what all passes scanned, and the coverage before and after."""
     session, html = snapshot.session, stopped_note(snapshot, "StartGapScan")
     if view is not None:
         text = (
@@ -94,7 +96,7 @@ def second_pass_words(snapshot: Snapshot, view: SecondView | None, scanned: bool
         )
         if view.blocked is not None:
             html += style.note(f"{text}. Cannot be scanned: {view.blocked}.", "warn")
-        elif view.stale is not None and not scanned:
+        elif view.stale is not None and not view.scanned:
             html += style.note(f"{text}. Stale: {view.stale}. Plan again.", "warn")
         else:
             html += style.note(f"{text}, duration {view.duration_s or 0.0:.0f} s.")
@@ -102,21 +104,22 @@ def second_pass_words(snapshot: Snapshot, view: SecondView | None, scanned: bool
             most = f"{tilt_scale_max_deg(view):.0f}"
             html += style.color_bar("Lean of the probe (deg)", "0", most)
             html += style.key(((css(SKY), "second path"),))
-    capture = session.captures.second
-    if capture is None:
+    passes = session.captures.second
+    if not passes:
         return html
     if not scanned:
         return html + style.note(
             "The gap scan belongs to another scan. Scan the gaps again.", "warn"
         )
+    n_scans = sum(len(one.scans) for one in passes)
     cells = second_cells(session)
     if cells is None:
         return html + style.note(
-            f"{len(capture.scans)} A-scans of the gaps recorded. Map the boundaries with them."
+            f"{n_scans} A-scans of the gaps recorded. Map the boundaries with them."
         )
+    which = "the second pass" if len(passes) == 1 else f"{len(passes)} further passes"
     return html + style.note(
         f"Inner coverage {100 * cells.before:.0f} % before, {100 * cells.after:.0f} % with "
-        f"the second pass ({len(capture.scans)} A-scans). White dots: cells seen only by the "
-        "second pass.",
+        f"{which} ({n_scans} A-scans). White dots: cells seen only by {which}.",
         "good",
     )

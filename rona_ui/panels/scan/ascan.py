@@ -11,7 +11,7 @@ from rona_core.app.steps.boundaries.ascan_view import (
     ascan_plot,
     scan_number_at,
 )
-from rona_core.app.steps.boundaries.handlers import capture_of
+from rona_core.app.steps.boundaries.handlers import scans_of
 from rona_core.geometry.arrays import Floats
 from rona_ui.panels.scan.bscan_slider import ScanSlider
 from rona_ui.panels.scan.manual_boundary import ManualBoundaryControls
@@ -88,7 +88,7 @@ def shown_scans(snapshot: Snapshot) -> tuple[str, ...]:
     return tuple(
         words
         for words, scan in SCANS.items()
-        if scan == snapshot.scan or capture_of(session, scan) is not None
+        if scan == snapshot.scan or scans_of(session, scan) is not None
     )
 
 

@@ -21,7 +21,14 @@ EXAMPLE = RoomBox("cupboard", (300.0, 1000.0, 300.0), (600.0, 300.0, 1400.0))  #
 AROUND = "Table, floor, tracker and added obstacles"
 BELOW = "Head centre below the region, until the surface is measured"
 WORKCELL: tuple[tuple[Any, ...], ...] = (  # name, label, least, most, step, hint
-    ("floor_mm", "Floor height (mm)", -5000.0, 5000.0, 10.0, "Its height"),
+    (
+        "floor_mm",
+        "Floor height (mm)",
+        -5000.0,
+        5000.0,
+        10.0,
+        "Height of the floor in the work cell",
+    ),
     ("head_below_mm", "Head depth (mm)", -500.0, 500.0, 5.0, BELOW),
     ("head_margin_mm", "Head clearance (mm)", 0.0, 200.0, 1.0, "Except for the probe"),
     ("margin_mm", "Obstacle clearance (mm)", 0.0, 200.0, 1.0, AROUND),

@@ -39,7 +39,7 @@ TITLES = {"2.25MHz": "2.25 MHz", "1MHz": "1 MHz"}
 DETAILS: tuple[tuple[Any, ...], ...] = (  # name, label, step, hint
     ("centre_mhz", "Centre frequency (MHz)", 0.05),
     ("bandwidth", "Relative bandwidth", 0.02, "-6 dB bandwidth divided by the centre frequency"),
-    ("aperture_mm", "Element diameter (mm)", 0.1, "Diameter"),
+    ("aperture_mm", "Element diameter (mm)", 0.1, "Of the transducer element"),
     ("line_length_mm", "Delay line length (mm)", 0.5, "Length of the elastomer"),
 )
 WARM = "The line slows sound when warm"

@@ -22,6 +22,7 @@ from rona_core.errors import RonaError
 from rona_core.session.document import Session
 from rona_ui.panels.setup.obstacles import WorkcellFields
 from rona_ui.panels.setup.probe import ProbeFields
+from rona_ui.panels.setup.region import RegionControls
 from rona_ui.panels.setup.tracker import NAMES, PLACE, TrackerFields
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.step_panel import StepPanel
@@ -33,7 +34,7 @@ FILES = ".nrrd,.nii,.gz,.stl,.ply,.obj"
 BONE = ("kind", "own_speed")
 ROBOT = ("model", "errors", "scan_speed_mm_per_s", "base_shift_mm", "base_turn_deg")
 BONES = {"Normal": "normal", "Sharp diploe": "sharp", "Hard: sharp, more scatter": "hard"}
-WORLDS = {"Nominal: as told": "nominal", "Realistic": "realistic", "Hard": "hard"}
+WORLDS = {"Nominal: as specified": "nominal", "Realistic": "realistic", "Hard": "hard"}
 SKULLS = {"Simulated, left side": "left", "Simulated, right side": "right", "From a file": "file"}
 
 
@@ -57,9 +58,10 @@ class SetupPanel(StepPanel):
         form.choice("kind", "Bone", BONES, "normal", "Known only to the virtual probe")
         hint = "Sound speed of bone differs by 3 % between patients"
         form.tick("own_speed", "Patient-specific speed", True, hint)
-        hint = "How far patient and devices are from what is told of them"
+        hint = "How far patient and devices deviate from their specification"
         form.choice("world_profile", "World", WORLDS, "realistic", hint)
         form.number("radius_mm", "Region radius (mm)", 25.0, 5.0, 45.0, 1.0)
+        self._region = RegionControls(gui, self.context)
         with gui.add_folder("Devices", expand_by_default=False):
             self._tracker.build()
             form.choice("pointer", "Pointer", {"6D": "pointer6d", "5D": "pointer5d"}, "pointer6d")
@@ -119,7 +121,7 @@ class SetupPanel(StepPanel):
         form = self.form
         make = {
             "seed": lambda: SetSeed(form.value("seed")),
-            "radius_mm": lambda: SetRegion(radius_mm=form.value("radius_mm")),
+            "radius_mm": lambda: SetRegion(self._region.center_mesh_mm, form.value("radius_mm")),
             "pointer": lambda: SetPointer(form.value("pointer")),
             "skull": lambda: UseSimulatedSkull(form.value("skull")),
             "use_base_marker": lambda: SetUseBaseMarker(form.value("use_base_marker")),
@@ -146,6 +148,7 @@ class SetupPanel(StepPanel):
 
     def update(self, old: Snapshot | None, new: Snapshot) -> None:
         """Write what the session holds into the fields where it has changed or was refused."""
+        self._region.render(new)
         if changed(old, new, "session.setup", "refused"):
             self._world = new.session.setup.world
             tracker = new.session.setup.devices.tracker

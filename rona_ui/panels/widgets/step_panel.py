@@ -4,6 +4,7 @@ from typing import Any, ClassVar
 
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.overview.acceptance import Judgement, QualityRow, judgement, quality_rows
+from rona_core.app.overview.pending_figures import pending_figures
 from rona_core.errors import InvalidInputError
 from rona_core.session.memo import Memo
 from rona_ui.panels.widgets import style
@@ -12,7 +13,7 @@ from rona_ui.panels.widgets.panel_context import PanelContext
 from rona_ui.presentation.snapshot import Snapshot, changed
 
 MAX_LISTED = 3  # figures in a note
-FOLLOWED = ("session", "view", "busy", "figures", "static_scene")  # by the remarks
+FOLLOWED = ("session", "view", "busy", "figures", "judged", "static_scene")  # by the remarks
 
 
 # every panel of every browser asks for the same ones
@@ -20,9 +21,15 @@ _ROWS: Memo[tuple[QualityRow, ...]] = Memo(1)
 
 
 def rows_of(snapshot: Snapshot) -> tuple[QualityRow, ...]:
-    """Return the figures of a picture with their verdicts."""
-    figures, session = snapshot.figures, snapshot.session
-    return _ROWS.get((figures, session), lambda: quality_rows(figures, session))
+    """Return the figures of a picture with their verdicts; one that is pending has no value."""
+    figures, session, judged = snapshot.figures, snapshot.session, snapshot.judged
+
+    def make() -> tuple[QualityRow, ...]:
+        pending = pending_figures(session, judged)
+        known = {key: value for key, value in figures.items() if key not in pending}
+        return quality_rows(known, session)
+
+    return _ROWS.get((figures, session, judged), make)
 
 
 def judged(snapshot: Snapshot, step: str) -> Judgement:

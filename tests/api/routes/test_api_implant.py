@@ -7,6 +7,7 @@ import pytest
 import trimesh
 
 from rona_core.app.steps.implant.export import export_bed
+from rona_core.app.steps.implant.messages import PlanMilling
 from rona_core.app.steps.implant.view import milling_view
 
 
@@ -75,3 +76,17 @@ def test_a_stale_bed_and_one_outside_of_the_maps_are_refused(client):
     assert (answer.status_code, answer.json()["code"]) == (409, "stale_result")
     assert "stale" in answer.json()["detail"]
     client.delete(f"/sessions/{demo}")
+
+
+def test_the_motion_of_the_robot_is_given_once_it_is_certified(web, client, demo):
+    refused = client.get(f"/sessions/{demo}/bed/motion")
+    assert (refused.status_code, refused.json()["code"]) == (409, "step_blocked")
+    assert "plan the milling" in refused.text
+    bench = web.hub.get(demo)
+    bench.run(PlanMilling())
+    answer = client.get(f"/sessions/{demo}/bed/motion")
+    assert "milling_joints.csv" in answer.headers["content-disposition"]
+    assert answer.content == export_bed(bench.session, "milling_joints.csv")
+    script = client.get(f"/sessions/{demo}/bed/motion", params={"format": "urscript"})
+    assert (script.status_code, script.json()["code"]) == (422, "invalid_input")
+    assert "Universal Robots" in script.text

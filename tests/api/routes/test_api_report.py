@@ -1,7 +1,5 @@
 """The report over REST, from the command line and by its button: one and the same page."""
 
-from types import SimpleNamespace
-
 import pytest
 
 from rona_core.app.report.report import workbench_report
@@ -9,10 +7,6 @@ from rona_core.compose import new_workbench
 from rona_core.session.document import Session
 from rona_core.session.files import save_session
 from rona_ui.cli import main
-from rona_ui.panels.layout.session import SessionPanel
-from rona_ui.window.browser import Browser
-from tests.helpers.ui.fake_gui import FakeGui
-from tests.ui.panels.test_panels import CLIENT, Recorder, snapshot
 
 
 @pytest.fixture(scope="module")
@@ -52,17 +46,3 @@ def test_the_command_line_writes_it_beside_the_session(bench, tmp_path, capsys):
     assert other.read_bytes() == (tmp_path / "bone.html").read_bytes()
     assert main(["report", str(tmp_path / "absent.rona")]) == 2
     assert "no session file" in capsys.readouterr().err
-
-
-def test_the_button_downloads_it(bench):
-    gui, recorder, sent = FakeGui(), Recorder(), []
-    SessionPanel(gui, recorder.context).render(None, snapshot())
-    gui.find("button", "Report").happen(CLIENT)
-    assert recorder.services == ["report"]
-    browser = object.__new__(Browser)
-    browser.client = SimpleNamespace(
-        send_file_download=lambda name, data, **rest: sent.append((name, data))
-    )
-    browser._hub = SimpleNamespace(get=lambda: bench)
-    browser._serve("report", None)
-    assert sent == [("report.html", workbench_report(bench).encode("utf-8"))]

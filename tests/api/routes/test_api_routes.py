@@ -29,6 +29,8 @@ GET /sessions/{session_id}/volume
 GET /sessions/{session_id}/maps/draws; GET /sessions/{session_id}/maps/comparison
 POST /sessions/{session_id}/maps/comparison; GET /sessions/{session_id}/export/{name}
 GET /sessions/{session_id}/bed/path; GET /sessions/{session_id}/bed/stl
+GET /sessions/{session_id}/bed/motion; PUT /sessions/{session_id}/picture
+GET /files; GET /files/{file}/picture; GET /procedure
 GET /sessions/{session_id}/events
 POST /sessions/{session_id}/replay; GET /jobs; GET /jobs/{job_id}; DELETE /jobs/{job_id}
 GET /jobs/{job_id}/events; GET /status; GET /status/events
@@ -142,6 +144,7 @@ def test_the_body_of_a_message_is_its_dataclass(document, name):
 def test_nobody_gets_in_without_a_token(anonymous, where):
     method, path = where
     parts = {"step": "tool", "name": "toolmarker", "ordinal": 1, "scan": "first", "number": 0}
+    parts["file"] = "demo.rona"
     path = path.format(session_id="current", job_id="x", key="x", **parts)
     refused(anonymous.request(method, PREFIX + path), 401, "unauthorized")
 
@@ -412,7 +415,9 @@ def test_the_program_says_how_it_is(client, session):
 # -- pages -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("path", ["/", "/api/v1/docs", "/static/rona.js", "/static/icon.svg"])
+@pytest.mark.parametrize(
+    "path", ["/", "/session", "/api/v1/docs", "/static/page/main.js", "/static/icon.svg"]
+)
 def test_pages_are_served_and_need_nothing_from_outside(anonymous, web, path):
     headers = {"Authorization": f"Bearer {web.token}"}
     answer = anonymous.get(path, headers=headers)

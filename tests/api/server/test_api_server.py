@@ -11,7 +11,7 @@ from rona_core.app.messages.serialization import serialize_arguments
 from rona_core.app.procedure import PROCEDURE
 from rona_core.app.runtime.session_step import Undo
 from rona_core.app.steps.acoustics.messages import StartCaliperMeasurements
-from rona_core.app.steps.implant.messages import StartBedSearch
+from rona_core.app.steps.implant.messages import PlanMilling, RehearseMilling, StartBedSearch
 from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
 from rona_core.app.steps.path.messages import StartPathCapture
 from rona_core.app.steps.pointer.messages import CalibratePointer, StartPointerCapture
@@ -22,11 +22,11 @@ from rona_core.app.steps.smoothing.messages import SmoothScanPath
 from rona_core.app.steps.surface.messages import StartSurfaceCapture
 from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.compose import build_registry
-from rona_core.errors import InvalidInputError
+from rona_core.errors import InvalidInputError, SessionFormatError
 from rona_core.session.codec import digest
 from rona_core.session.document import Session, Setup
 from rona_core.session.files import save_session
-from rona_ui.server import ServerSettings, open_first_session, serve
+from rona_ui.server import ServerSettings, address, serve
 from tests.helpers.api_server import TOKEN, start
 
 
@@ -105,6 +105,8 @@ def test_the_whole_procedure_through_rest(client, web, tmp_path):
         StartCaliperMeasurements(),
         StartMapping(),
         StartBedSearch(implant="Osia/Baha screw"),
+        PlanMilling(),
+        RehearseMilling(),
     ]
     assert {type(m) for _, m in PROCEDURE} < {type(m) for m in messages}
     session = through_rest(client, messages)
@@ -158,20 +160,27 @@ def test_a_server_ends_while_streams_are_open(tmp_path):
     hub.close_all()
 
 
-def test_the_first_session_is_a_copy_of_the_demo(tmp_path, monkeypatch):
-    demo = tmp_path / "demo.rona"
-    save_session(Session(name="demo", setup=Setup(seed=42)), demo)
-    monkeypatch.setattr("rona_ui.server.demo_session", lambda: demo)
-    hub = build_registry(tmp_path, processes=False)
-    open_first_session(hub)
-    assert hub.get().session.setup.seed == 42
-    assert hub.file("current") is None  # saving does not write the demo over
+def test_a_file_is_opened_first_of_another_folder_a_copy(tmp_path):
+    elsewhere, folder = tmp_path / "else.rona", tmp_path / "sessions"
+    hub = build_registry(folder, processes=False)
+    for path in (elsewhere, folder / "own.rona"):
+        save_session(Session(name="bone", setup=Setup(seed=42)), path)
+        hub.open_path(path)
+        assert hub.get().session.setup.seed == 42
+    own, copy = hub.all()[1], hub.all()[0]
+    assert hub.file(own.session.id) == folder / "own.rona"
+    assert hub.file(copy.session.id) is None  # saving does not write it over
+    elsewhere.write_bytes(b"of another age")
+    with pytest.raises(SessionFormatError):
+        hub.open_path(elsewhere)
     hub.close_all()
-    demo.write_bytes(b"of another age")
-    hub = build_registry(tmp_path, processes=False)
-    open_first_session(hub)
-    assert hub.get().session.log == ()
-    hub.close_all()
+
+
+def test_the_address_of_a_file_is_that_of_the_session(tmp_path):
+    plain = ServerSettings(sessions=tmp_path, token=None)
+    assert address(plain, 8642) == "http://127.0.0.1:8642/"
+    with_file = ServerSettings(sessions=tmp_path, token="t", file=tmp_path / "bone.rona")
+    assert address(with_file, 8642) == "http://127.0.0.1:8642/session?token=t"
 
 
 def test_a_port_that_is_taken_is_refused_by_name(tmp_path, web):

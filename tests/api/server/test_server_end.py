@@ -51,6 +51,7 @@ def program(tmp_path):
     address = told.stdout.readline().split()[-1].partition("?")[0]
     headers = {"Authorization": f"Bearer {TOKEN}"}
     with httpx2.Client(base_url=f"{address}api/v1", headers=headers, timeout=120) as client:
+        client.post("/sessions").raise_for_status()
         yield told, client
     told.kill()
     told.communicate()

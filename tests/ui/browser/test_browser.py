@@ -81,7 +81,7 @@ def points_so_far(surgeon: Surgeon) -> int:
 
 def test_the_page_opens_on_a_copy_of_the_demo_session(surgeon: Surgeon) -> None:
     assert surgeon.states() == ["done"] * len(STEPS)
-    assert "not saved" in surgeon.frame.locator(".r-head").inner_text()
+    assert "not saved" in surgeon.saved()
     surgeon.open_step("Maps")
     wait_for(lambda: any("Inner boundary" in row for row in quality(surgeon)), "figures")
     surgeon.tab("A-scan")
@@ -94,15 +94,14 @@ def test_ten_steps_by_mouse_then_saved_and_opened_again(surgeon: Surgeon) -> Non
     frame, page = surgeon.frame, surgeon.page
 
     # a new session under a name of its own
-    frame.get_by_text("Session", exact=True).click()
-    surgeon.button("New session").click()
+    surgeon.menu("sessionbutton", "New session")
     wait_for(lambda: surgeon.states()[1:3] == ["ready", "ready"], "a new session")
-    name = surgeon.field("Name")
-    name.fill(NAME)
-    surgeon.button("Rename").click()
-    frame.locator(".r-head").get_by_text(NAME, exact=True).wait_for()
-    assert frame.locator(".r-head b").count() == 1  # the program's own, none from the name
-    frame.get_by_text("Session", exact=True).click()
+    surgeon.menu("sessionbutton", "Rename")
+    page.locator("#namingfield").fill(NAME)
+    page.keyboard.press("Enter")
+    name = page.locator("#name")
+    name.get_by_text(NAME, exact=True).wait_for()
+    assert name.locator("b").count() == 0  # none from the name
     surgeon.open_step("Set-up")
     assert surgeon.states() == ["done", "ready", "ready", *["blocked"] * 7]
     center = region_center(surgeon)
@@ -168,22 +167,23 @@ def test_ten_steps_by_mouse_then_saved_and_opened_again(surgeon: Surgeon) -> Non
 
     # saved, gone, and opened again: the same states, figures and scene
     page.keyboard.press("Control+s")
-    wait_for(lambda: "not saved" not in frame.locator(".r-head").inner_text(), "the file")
+    wait_for(lambda: surgeon.saved() == "saved", "the file")
     states, figures, nodes = surgeon.states(), quality(surgeon), surgeon.nodes()
     assert states[:-1] == ["done"] * (len(STEPS) - 1)  # the bone may be too thin for a bed
-    frame.get_by_text("Session", exact=True).click()
-    surgeon.button("New session").click()
+    surgeon.menu("sessionbutton", "New session")
     wait_for(lambda: surgeon.states()[1] == "ready", "a new session")
     assert "/maps/inner" not in surgeon.nodes()
-    surgeon.field("File").click()
-    frame.get_by_role("option", name=re.compile("^Bone")).click()
-    surgeon.button("Open file").click()
+    page.locator("#logo").click()
+    card = page.locator("#homefiles .card").filter(has_text="Bone")
+    card.locator("img").wait_for()  # of the maps, taken when it was saved
+    surgeon.picture("home")
+    card.click()
     surgeon.wait_state("Maps", "done")
     surgeon.come()  # the page anew: nothing that is shown may live in the browser
     wait_for(lambda: quality(surgeon) == figures, "the figures to come back")
     assert surgeon.states() == states
     assert surgeon.nodes() == nodes
-    assert surgeon.frame.locator(".r-head").get_by_text(NAME, exact=True).is_visible()
+    assert page.locator("#name").inner_text() == NAME
     assert surgeon.errors == []
 
 

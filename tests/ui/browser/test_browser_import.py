@@ -24,8 +24,7 @@ def test_a_pivot_is_imported_and_what_was_imported_is_downloaded(
     surgeon: Surgeon, tmp_path: Path
 ) -> None:
     frame, page = surgeon.frame, surgeon.page
-    frame.get_by_text("Session", exact=True).click()
-    surgeon.button("New session").click()
+    surgeon.menu("sessionbutton", "New session")
     wait_for(lambda: surgeon.states()[1:3] == ["ready", "ready"], "a new session")
 
     made, _ = poses(n=60, sigma_mm=0.1)
@@ -41,10 +40,8 @@ def test_a_pivot_is_imported_and_what_was_imported_is_downloaded(
     found = [float(part) for part in note.partition("(")[2].partition(")")[0].split(",")]
     np.testing.assert_allclose(found, TIP, atol=0.5)
 
-    surgeon.field("Recording").click()
-    frame.get_by_role("option", name="1: pointer, marker").click()
     with page.expect_download() as download:
-        surgeon.button("Download .igs.mha").click()
+        surgeon.menu("sessionbutton", "1: pointer, marker")
     assert download.value.suggested_filename == "untitled_1_marker.igs.mha"
     saved = tmp_path / "back.igs.mha"
     download.value.save_as(saved)

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from rona_core.session.files import load_session
+import rona_core
 from rona_ui.resources import demo_session
 from tests.helpers.ui.browser_driver import PAUSE_S, Surgeon, put, retype, shows, wait_for
 
@@ -25,17 +25,12 @@ def begin_drawing(surgeon: Surgeon) -> None:
 
 
 def palette(surgeon: Surgeon) -> Any:
-    return surgeon.frame.locator("input.mantine-Spotlight-search")
+    return surgeon.page.locator("#palettefield")
 
 
 def open_palette(surgeon: Surgeon) -> None:
-    # the keys go to the viewer, and not to a button of the page around it that was clicked last
-    surgeon.frame.evaluate("() => { document.activeElement?.blur(); window.focus(); }")
-    wait_for(lambda: surgeon.frame.evaluate("document.hasFocus()"), "the viewer's focus")
     surgeon.page.keyboard.press("Control+k")
     palette(surgeon).wait_for()
-    inside = "document.activeElement?.matches('input.mantine-Spotlight-search')"
-    wait_for(lambda: surgeon.frame.evaluate(inside), "the palette to listen")
 
 
 def open_menu(surgeon: Surgeon) -> None:
@@ -140,7 +135,7 @@ def ascans_told(surgeon: Surgeon, ending: str) -> int:
 def stopped_by_escape(surgeon: Surgeon, words: str) -> Any:
     """Scan, press Esc once A-scans come; return how the robot stands then."""
     surgeon.button(words).click()
-    share = surgeon.frame.get_by_text(re.compile(r"^Scanning: [1-9]\d* %$"))
+    share = surgeon.frame.get_by_text(re.compile(r"^Scanning: [1-9]\d* %"))
     share.wait_for()  # A-scans have begun to come
     asked_s = time.monotonic()
     assert surgeon.ask("/sessions/current/robot/state")["moving"]
@@ -183,7 +178,7 @@ def test_escape_stops_the_robot_while_it_scans(surgeon: Surgeon) -> None:
     assert surgeon.ask("/jobs")[-1]["activity"] == "StartRetract"
     assert back.is_hidden()
 
-    plan = load_session(demo_session()).results.roll.value
+    plan = rona_core.open(demo_session()).session.results.roll.value
     other = next(
         i for i, v in enumerate(plan.search.verdicts) if v.feasible and i != plan.search.chosen
     )

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from rona_ui.resources import demo_session
 from tests.helpers.ui.browser_driver import (
     REPOSITORY,
     TOKEN,
@@ -35,7 +36,8 @@ class Program:
         self.start()
 
     def start(self) -> None:
-        command = [sys.executable, "-m", "rona_ui", "serve", "--no-open", "--pace", "0"]
+        command = [sys.executable, "-m", "rona_ui", "serve", str(demo_session()), "--no-open"]
+        command += ["--pace", "0"]
         command += ["--port", str(self.port), "--sessions", str(self.sessions)]
         environment = {**os.environ, "RONA_TOKEN": TOKEN, "OMP_NUM_THREADS": "1"}
         self.log = (self.sessions / "server.log").open("ab")
@@ -62,7 +64,8 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Program]:
 def surgeon(
     program: Program, browser: Any, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Surgeon]:
-    address, pictures = f"{program.address}?token={TOKEN}", tmp_path_factory.mktemp("pictures")
+    pictures = tmp_path_factory.mktemp("pictures")
+    address = f"{program.address}session?token={TOKEN}"
     with surgeon_at(browser, address, pictures) as surgeon:
         yield surgeon
 
@@ -75,20 +78,12 @@ def current(surgeon: Surgeon) -> Any:
     return surgeon.ask("/sessions/current")
 
 
-def open_folder(surgeon: Surgeon) -> None:
-    """Unfold the part of the left dock that is about the session as a whole."""
-    if not surgeon.button("New session").is_visible():
-        surgeon.frame.get_by_text("Session", exact=True).click()
-    surgeon.button("New session").wait_for()
-
-
 def test_work_that_was_killed_is_offered_and_comes_back_whole(
     surgeon: Surgeon, program: Program
 ) -> None:
     page = surgeon.page
     assert not page.locator("#lost").is_visible()
-    open_folder(surgeon)
-    surgeon.button("New session").click()  # an untouched copy of the demo is nothing to ask about
+    surgeon.menu("sessionbutton", "New session")  # an untouched demo is nothing to ask about
     wait_for(lambda: current(surgeon)["name"] == "untitled", "the new session")
     surgeon.open_step("Pointer")
     surgeon.button("Pivot and calibrate").click()
@@ -124,7 +119,7 @@ def test_work_that_was_killed_is_offered_and_comes_back_whole(
     assert surgeon.ask("/recoverable") == {"recoverable": []}
     assert page.locator("#saved").inner_text() == "● recovered, not saved"
     surgeon.come()
-    assert "recovered, not saved" in surgeon.frame.locator(".r-head").inner_text()
+    assert "recovered, not saved" in surgeon.saved()
     surgeon.wait_state("Pointer", "done")
     surgeon.picture("recovered")
 
@@ -132,46 +127,45 @@ def test_work_that_was_killed_is_offered_and_comes_back_whole(
 def test_work_that_is_not_saved_does_not_go_out_of_sight_without_a_question(
     surgeon: Surgeon, program: Program
 ) -> None:
-    page, frame = surgeon.page, surgeon.frame
+    page = surgeon.page
     key = current(surgeon)["id"]
 
-    page.locator("#demo").click()
+    surgeon.menu("sessionbutton", "Demo")
     page.locator("#leave").wait_for()
     assert NAME in page.locator("#leavetitle").inner_text()
     surgeon.picture("leave_demo")
     page.locator("#leavecancel").click()
     assert current(surgeon)["id"] == key
-    page.locator("#demo").click()
+    surgeon.menu("sessionbutton", "Demo")
     page.locator("#leavekeep").click()
     wait_for(lambda: current(surgeon)["id"] != key, "the demo")
     assert [s["id"] for s in surgeon.ask("/sessions")["sessions"]][-2] == key
 
-    open_folder(surgeon)  # back to it
-    chosen = surgeon.field("Open sessions")
-    wait_for(lambda: chosen.input_value() == "3: demo seed 0", "the list to follow")
-    chosen.click()
+    surgeon.menu("sessionbutton")  # back to it
+    entries = page.locator("#sessionbuttonmenu .entry")
+    wait_for(lambda: entries.filter(has_text="demo seed 0").count() == 2, "the list to follow")
     surgeon.picture("open_sessions")
-    frame.get_by_role("option", name=NAME).click()
+    entries.filter(has_text=NAME).first.click()
     wait_for(lambda: current(surgeon)["id"] == key, "the session before")
 
-    surgeon.button("New session").click()
-    frame.get_by_text("has unsaved changes").wait_for()
+    surgeon.menu("sessionbutton", "New session")
+    page.locator("#leavetext").get_by_text("has unsaved changes").wait_for()
     surgeon.picture("leave_new")
-    surgeon.button("Cancel").last.click()
-    frame.get_by_text("has unsaved changes").wait_for(state="hidden")
+    page.keyboard.press("Escape")
+    page.locator("#leave").wait_for(state="hidden")
     assert current(surgeon)["id"] == key
-    surgeon.button("New session").click()
-    surgeon.button("Save first").click()
+    surgeon.menu("sessionbutton", "New session")
+    page.locator("#leavesave").click()
     wait_for(lambda: current(surgeon)["id"] != key, "the new session")
     assert len(list(program.sessions.glob("Bone*.rona"))) == 1
 
     post(surgeon, "/sessions/current/commands/SetSeed", {"seed": 5})
     closing = current(surgeon)["id"]
-    wait_for(lambda: "not saved" in frame.locator(".r-head").inner_text(), "the head")
-    surgeon.button("Close session").click()
-    frame.get_by_text("If you close it now, the changes are lost").wait_for()
+    wait_for(lambda: "not saved" in surgeon.saved(), "the bar")
+    surgeon.menu("sessionbutton", "Close session")
+    page.locator("#leavetext").get_by_text("the changes are lost").wait_for()
     surgeon.picture("close")
-    surgeon.button("Close without saving").click()
+    page.locator("#leavelose").click()
     wait_for(lambda: current(surgeon)["id"] != closing, "another session")
     assert closing not in [s["id"] for s in surgeon.ask("/sessions")["sessions"]]
     assert surgeon.errors == []

@@ -6,8 +6,16 @@ from types import SimpleNamespace
 import pytest
 
 from rona_core.app.dependencies.step_states import step_states
-from rona_core.app.steps.implant.export import NAMES, export_bed
-from rona_core.app.steps.implant.messages import PlaceBed, StartBedSearch
+from rona_core.app.steps.implant.export import MOTIONS, NAMES, export_bed
+from rona_core.app.steps.implant.messages import (
+    PlaceBed,
+    PlanMilling,
+    RehearseMilling,
+    StartBedSearch,
+)
+from rona_core.app.steps.implant.milling_motion import milling_plan_of
+from rona_core.app.steps.implant.milling_plan import milling_verdict
+from rona_core.app.steps.implant.rehearsal import rehearsal_verdict
 from rona_core.app.steps.implant.view import milling_view, verdict
 from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.compose import new_workbench
@@ -154,7 +162,7 @@ def test_without_a_bed_only_the_fields_are_there():
 def test_the_chosen_file_is_downloaded(demo):
     gui, recorder, _ = panel_of(snapshot(demo))
     chosen, button = gui.find("dropdown", "File"), gui.find("button", "Download bed")
-    assert tuple(chosen.options) == NAMES
+    assert tuple(chosen.options) == tuple(name for name in NAMES if name not in MOTIONS)
     chosen.value = "bed.stl"
     button.happen(CLIENT)
     assert recorder.services == ["export-bed:bed.stl"]
@@ -184,3 +192,39 @@ def test_a_stale_bed_is_neither_green_nor_given_away(stale):
     gui, _, _ = panel_of(snapshot(stale))
     assert "r-note good" not in gui.html()
     assert not gui.find("folder", "Export").visible
+
+
+def test_the_robot_is_asked_by_a_button_and_its_verdict_stands_beside_it(demo):
+    gui, recorder, _ = panel_of(snapshot(demo))
+    gui.find("button", "Plan milling").happen(CLIENT)
+    assert recorder.sent[-1] == PlanMilling()
+    bench = new_workbench(demo)
+    bench.run(PlanMilling())
+    gui, _, _ = panel_of(snapshot(demo), snapshot(bench.session))
+    said = milling_verdict(milling_plan_of(bench.session))
+    assert f'<div class="r-note good">{said}</div>' in gui.html()
+    assert "milling_joints.csv" in gui.find("dropdown", "File").options
+    bench.dispatch(SetProbe(name="1MHz"))
+    gui, _, _ = panel_of(snapshot(demo), snapshot(bench.session))
+    bench.close()
+    assert said not in gui.html()
+
+
+def test_the_rehearsal_waits_for_a_plan_and_its_verdict_stands_below_it(demo):
+    gui, recorder, _ = panel_of(snapshot(demo))
+    assert gui.find("button", "Rehearse milling").disabled
+    bench = new_workbench(demo)
+    bench.run(PlanMilling())
+    gui, recorder, _ = panel_of(snapshot(demo), snapshot(bench.session))
+    button = gui.find("button", "Rehearse milling")
+    assert not button.disabled
+    button.happen(CLIENT)
+    assert recorder.sent[-1] == RehearseMilling()
+    bench.run(RehearseMilling())
+    said = rehearsal_verdict(bench.session.results.get("rehearsal").value)
+    gui, _, _ = panel_of(snapshot(demo), snapshot(bench.session))
+    assert said in gui.html()
+    bench.dispatch(SetProbe(name="1MHz"))
+    gui, _, _ = panel_of(snapshot(demo), snapshot(bench.session))
+    bench.close()
+    assert said not in gui.html()

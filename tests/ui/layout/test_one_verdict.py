@@ -46,6 +46,7 @@ def demo() -> Session:
 def snapshot(session: Session, step: str, **parts: Any) -> Snapshot:
     live = parts.pop("live", LiveState())
     view = parts.pop("view", ViewState(step=step))
+    parts = {"judged": session, **parts}
     return Snapshot(session, view, step_states(session), live, **parts)
 
 
@@ -192,7 +193,7 @@ def stopped(demo: Session) -> Session:
     part = replace(scan.scans, times_s=scan.scans.times_s[:89], rf=scan.scans.rf[:89])
     part = replace(part, clipped=scan.scans.clipped[:89])
     cut = replace(scan, scans=part, partial=True)
-    captures = replace(demo.captures, scan=cut, second=None)
+    captures = replace(demo.captures, scan=cut, second=())
     results = replace(demo.results, maps=None, detection=None, second=None)
     return replace(demo, captures=captures, results=results)
 

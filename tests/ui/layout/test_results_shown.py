@@ -42,6 +42,7 @@ def demo() -> Session:
 
 
 def snapshot(session: Session, view: ViewState, **parts: Any) -> Snapshot:
+    parts = {"judged": session, **parts}
     return Snapshot(session, view, step_states(session), LiveState(), **parts)
 
 

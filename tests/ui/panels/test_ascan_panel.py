@@ -111,8 +111,8 @@ def test_choosing_the_other_pass_starts_it_anew(demo: Session) -> None:
     desk = Desk(AScanPanel, demo, ViewState(step="maps", cursor=0.5))
     desk.click("dropdown", "A-scans of", "Second pass")
     assert (desk.view.second, desk.view.cursor) == (True, None)
-    assert f"of {len(demo.captures.second.scans)}" in shown(desk)  # type: ignore[union-attr]
-    desk.session = replace(demo, captures=replace(demo.captures, second=None))
+    assert f"of {len(demo.captures.second[0].scans)}" in shown(desk)
+    desk.session = replace(demo, captures=replace(demo.captures, second=()))
     desk.view = ViewState(step="maps")
     desk.draw()
     assert not desk.gui.find("dropdown", "A-scans of").visible
@@ -220,13 +220,13 @@ def test_the_other_echo_is_taken_by_one_click(demo: Session) -> None:
 def test_the_second_pass_is_planned_scanned_and_told(demo: Session) -> None:
     desk = Desk(MapsPanel, demo, ViewState(step="maps"))
     assert "Inner coverage" in shown(desk)
-    again = replace(demo.captures.second, ordinal=99)  # type: ignore[type-var]
-    desk.session = replace(demo, captures=replace(demo.captures, second=again))
+    again = replace(demo.captures.second[0], ordinal=99)
+    desk.session = replace(demo, captures=replace(demo.captures, second=(again,)))
     desk.draw()
     assert "of the gaps recorded. Map the boundaries with them" in shown(desk)
     first_only = replace(
         demo,
-        captures=replace(demo.captures, second=None),
+        captures=replace(demo.captures, second=()),
         results=replace(demo.results, second=None, second_detection=None),
     )
     desk.session = first_only
@@ -248,8 +248,8 @@ def test_the_second_pass_is_planned_scanned_and_told(demo: Session) -> None:
 def test_a_scan_of_the_gaps_is_mapped_where_it_was_made(demo: Session) -> None:
     desk = Desk(MapsPanel, demo, ViewState(step="maps", second=True))
     assert not desk.gui.find("button", "Map with second pass").visible
-    again = replace(demo.captures.second, ordinal=99)  # type: ignore[type-var]
-    desk.session = replace(demo, captures=replace(demo.captures, second=again))
+    again = replace(demo.captures.second[0], ordinal=99)
+    desk.session = replace(demo, captures=replace(demo.captures, second=(again,)))
     desk.draw()
     desk.click("button", "Map with second pass")
     assert desk.sent == [desk.panel.message()]
@@ -289,7 +289,7 @@ def test_the_scene_shows_the_leaning_path_while_it_matters_and_the_cells_it_brou
     assert (nodes.seen[PATH], nodes.seen[CELLS]) == (False, True)
     draw(demo, ViewState(step="maps", second=True))
     assert nodes.seen[PATH]
-    planned = replace(demo, captures=replace(demo.captures, second=None))
+    planned = replace(demo, captures=replace(demo.captures, second=()))
     draw(planned, ViewState(step="maps"))
     assert (nodes.seen[PATH], nodes.drawn[CELLS]) == (True, 0)
     draw(demo, ViewState(step="tool", second=True))

@@ -16,8 +16,9 @@ from rona_core.compose import new_workbench
 from rona_core.session.document import Session
 from rona_ui.panels.layout.quality import table
 from rona_ui.panels.pointer import PointerPanel
+from rona_ui.panels.tool.calibration import CalibrationPanel
 from rona_ui.panels.tool.calibration_images import HEIGHT, coverage_svg, residuals_svg
-from rona_ui.panels.tool.tool import CalibrationControls, words
+from rona_ui.panels.tool.tool import CalibrationWords, words
 from rona_ui.presentation.view_state import ViewState
 from tests.helpers.ui.fake_gui import FakeGui
 from tests.scenes import demo_parts
@@ -33,21 +34,43 @@ def session():
 
 
 def controls(session, step="tool"):
+    """Return what step and right dock show of a calibration, and what was sent."""
     gui, recorder = FakeGui(), Recorder()
-    made = CalibrationControls(gui, recorder.context, step)
-    made.render(None, snapshot(session))
-    return gui, recorder, made
+    shown = snapshot(session, view=ViewState(step=step))
+    CalibrationWords(gui, step).render(None, shown)
+    CalibrationPanel(gui, recorder.context).render(None, shown)
+    return gui, recorder
 
 
 def test_nothing_is_shown_before_there_is_a_calibration():
-    gui, _, made = controls(Session())
-    assert gui.html() == ""
-    assert made.excluded() == ()
-    assert not any(h.visible for h in gui.handles if h.label == "Residuals of the poses")
+    gui, _ = controls(Session())
+    assert "once this step is calibrated" in gui.html()
+    assert "svg" not in gui.html()
+    assert not any(h.visible for h in gui.handles if h.kind == "folder")
+
+
+def test_the_right_dock_shows_the_calibration_of_the_step_that_was_looked_at_last(session):
+    gui, recorder = FakeGui(), Recorder()
+    panel, old = CalibrationPanel(gui, recorder.context), None
+    outer = [h for h in gui.handles if h.kind == "folder"][::3]  # one of each step
+    for step, title, seen in (
+        ("setup", "Calibration of step 2: Tool", [True, False]),
+        ("pointer", "Calibration of step 3: Pointer", [False, True]),
+        ("scan", "Calibration of step 3: Pointer", [False, True]),
+        ("tool", "Calibration of step 2: Tool", [True, False]),
+    ):
+        new = snapshot(session, view=ViewState(step=step))
+        panel.render(old, new)
+        assert title in gui.html()
+        assert [folder.visible for folder in outer] == seen
+        old = new
+    stale = replace(session, setup=replace(session.setup, seed=session.setup.seed + 1))
+    panel.render(old, snapshot(stale, view=ViewState(step="tool")))
+    assert "Stale: " in gui.html()
 
 
 def test_the_expected_error_stands_beside_what_is_good(session):
-    gui, _, _ = controls(session, "pointer")
+    gui, _ = controls(session, "pointer")
     sigma = session.results.pointer.value.tip_sigma_mm
     assert f"<b>{sigma:.2f} mm</b>" in gui.html()
     assert "≤ 0.50 mm" in gui.html()
@@ -66,26 +89,27 @@ def test_a_verdict_is_icon_word_and_reason_and_markup_is_text(session, verdict, 
 
 
 def test_choosing_a_pose_and_the_button_leave_it_out_or_count_it_again(session):
-    gui, recorder, made = controls(session)
-    assert made.excluded() == (3, 4)
-    slider = gui.find("slider", "Pose")
-    button = next(h for h in gui.handles if h.kind == "button")
+    gui, recorder = controls(session)
+    slider = next(h for h in gui.handles if h.label == "Pose")  # of the tool
+    button = next(h for h in gui.handles if h.label.startswith("Exclude"))
+    count = next(h for h in gui.handles if h.label == "Number of poses")
+    every = next(h for h in gui.handles if h.label == "Include all poses")
     slider.value = 10
     slider.happen(CLIENT)
     assert button.label == "Exclude pose 10"
     residual = session.results.tool.value.residuals_mm[10]
     assert f"Pose 10: {residual:.2f} mm from the common tip, used" in gui.html()
     button.happen(CLIENT)
-    gui.find("number", "Number of poses").value = 3
-    gui.find("number", "Number of poses").happen(CLIENT)
+    count.value = 3
+    count.happen(CLIENT)
     assert button.label == "Exclude poses 10 to 12"
     button.happen(CLIENT)
     slider.value = 3
-    gui.find("number", "Number of poses").value = 2
+    count.value = 2
     slider.happen(CLIENT)
     assert button.label == "Include poses 3 to 4"
     button.happen(CLIENT)
-    gui.find("button", "Include all poses").happen(CLIENT)
+    every.happen(CLIENT)
     assert recorder.sent == [
         ExcludePoses("tool", (3, 4, 10)),
         ExcludePoses("tool", (3, 4, 10, 11, 12)),
@@ -104,7 +128,8 @@ def test_another_fit_keeps_what_is_left_out_and_a_job_lets_the_buttons_rest(sess
     panel.render(None, shown)
     gui.find("button", "Fit again").happen(CLIENT)
     assert recorder.sent == [CalibratePointer("ml", (5,))]
-    panel.render(shown, replace(shown, job=JobStatus("1", "StartScan", "running", 0.1)))
+    right = CalibrationPanel(gui, recorder.context)
+    right.render(None, replace(shown, job=JobStatus("1", "StartScan", "running", 0.1)))
     assert gui.find("button", "Include all poses").disabled
 
 
@@ -147,9 +172,9 @@ def test_the_residuals_are_bars_that_grow_with_them(session):
     used = view.marks == USED
     scale = heights[used] / view.residuals_mm[used]
     np.testing.assert_allclose(scale, np.median(scale), rtol=0.2, atol=1.0)
-    gui, _, _ = controls(session)
+    gui, _ = controls(session)
     data = re.findall(r"svg\+xml;base64,([^)]+)\)", gui.html())
-    assert base64.b64decode(data[-1]).decode() == svg
+    assert base64.b64decode(data[0]).decode() == svg  # of the tool; then that of the pointer
 
 
 def test_quality_says_what_is_expected_first_and_beside_the_truth(session):

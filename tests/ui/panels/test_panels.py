@@ -25,8 +25,6 @@ from rona_ui.panels.layout.docks import STEP_PANELS
 from rona_ui.panels.layout.frames_and_log import LogPanel
 from rona_ui.panels.layout.quality import QualityPanel
 from rona_ui.panels.layout.run_bar import RunBar, StepList, StepTitle
-from rona_ui.panels.layout.session import SessionHead, SessionPanel
-from rona_ui.panels.layout.view_options import ViewOptionsPanel
 from rona_ui.panels.maps.second_pass import second_pass_words as second_words
 from rona_ui.panels.pointer import PointerPanel
 from rona_ui.panels.roll.joints_graph import joint_data
@@ -36,7 +34,6 @@ from rona_ui.panels.tool.tool import ToolPanel
 from rona_ui.panels.widgets.panel_context import PanelContext
 from rona_ui.panels.widgets.stroke_sources import DrawingControls
 from rona_ui.presentation.snapshot import Snapshot
-from rona_ui.presentation.static_scene import StaticScene
 from rona_ui.presentation.view_state import NEEDED, ViewState
 from rona_ui.refusals import Refusal
 from rona_ui.window.browser import without_mode
@@ -71,7 +68,7 @@ class Recorder:
 def snapshot(session: Session | None = None, **parts: Any) -> Snapshot:
     held = session or Session()
     view = parts.pop("view", ViewState())
-    return Snapshot(held, view, step_states(held), LiveState(), **parts)
+    return Snapshot(held, view, step_states(held), LiveState(), **{"judged": held, **parts})
 
 
 def test_every_step_has_a_panel_and_says_what_it_needs_to_be_seen() -> None:
@@ -98,13 +95,12 @@ def test_fields_are_to_be_seen_in_their_step_only(kind: Any) -> None:
 
 def test_a_name_that_is_markup_is_shown_as_text() -> None:
     gui = FakeGui()
-    head, log = SessionHead(gui), LogPanel(gui)
+    log = LogPanel(gui)
     entry = LogEntry(1, "RenameSession", {"name": EVIL}, "2026-01-01T00:00:00.000")
     evil = Session(name=EVIL, log=(entry,))
-    for panel in (head, log):
-        panel.render(None, snapshot(evil))
+    log.render(None, snapshot(evil))
     assert EVIL not in gui.html()
-    assert gui.html().count("&lt;img src=x onerror=alert(1)&gt;") == 3  # title, text, log
+    assert gui.html().count("&lt;img src=x onerror=alert(1)&gt;") == 1
 
 
 def test_figures_that_are_markup_are_shown_as_text() -> None:
@@ -386,78 +382,6 @@ def test_refusals_stand_in_the_log_where_they_happened() -> None:
     assert "not so" in gui.html()
     log.render(alone, snapshot())
     assert "Nothing has happened yet." in gui.html()
-
-
-def test_save_undo_and_stop_reach_the_service() -> None:
-    gui, recorder = FakeGui(), Recorder()
-    SessionPanel(gui, recorder.context)
-    history = gui.find("button_group", "History")
-    for word in ("Save", "Undo"):
-        history.value = word
-        history.happen(CLIENT)
-    gui.find("command", "Stop the robot").happen(CLIENT)
-    gui.find("command", "Exit drawing").happen(CLIENT)
-    assert recorder.services == ["save", "stop", "escape"]
-    assert [type(message).__name__ for message in recorder.sent] == ["Undo"]
-
-
-def test_the_cut_has_a_slider_while_it_is_on_and_rests_while_somebody_draws() -> None:
-    gui, recorder = FakeGui(), Recorder()
-    panel = ViewOptionsPanel(gui, recorder.context)
-    off = snapshot()
-    panel.render(None, off)
-    across, at = gui.find("dropdown", "Cut"), gui.find("slider", "Cut offset (mm)")
-    maps = gui.find("checkbox", "Cut maps")
-    assert (across.value, at.value, maps.value) == ("Off", 0.0, False)
-    assert not at.visible
-    across.value = "Crosswise"
-    across.happen(CLIENT)
-    at.value = -12.5
-    at.happen(None)  # an echo of our own write
-    assert recorder.shown == ViewState(cut_direction="crosswise")
-    at.happen(CLIENT)
-    maps.value = True
-    maps.happen(CLIENT)
-    assert recorder.shown == ViewState(
-        cut_direction="crosswise", cut_offset_mm=-12.5, cut_maps=True
-    )
-    on = snapshot(view=recorder.shown)
-    panel.render(off, on)
-    assert at.visible
-    assert maps.visible
-    at.value = -13.0  # the slider is dragged on while the picture before is drawn
-    panel.render(on, replace(on, view=replace(on.view, cut_offset_mm=-12.8)))
-    assert at.value == -13.0
-    drawing = replace(on, view=replace(on.view, drawing="path"))
-    panel.render(on, drawing)
-    assert across.disabled
-    assert at.disabled
-    panel.render(drawing, on)
-    assert not at.disabled
-    panel.render(on, snapshot())  # another session begins with a view of its own
-    assert (across.value, at.value, maps.value) == ("Off", 0.0, False)
-    assert not at.visible
-
-
-def test_views_of_the_head_have_their_names_only_where_its_axes_are_known() -> None:
-    gui, recorder = FakeGui(), Recorder()
-    panel = ViewOptionsPanel(gui, recorder.context)
-    groups = [h for h in gui.handles if h.kind == "button_group"]
-    words = ["Overview", "AP", "Lateral L", "Top"]
-    assert [group.value for group in groups] == words
-    known = StaticScene("VIRTUAL", *[np.zeros(3)] * 6, head_axes_base=np.eye(3))  # type: ignore
-    old = None
-    for new, seen in (
-        (snapshot(), [True, False, False, True]),
-        (snapshot(static_scene=known), [True, True, True, False]),
-        (snapshot(static_scene=replace(known, head_axes_base=None)), [True, False, False, True]),
-    ):
-        panel.render(old, new)
-        assert [group.visible for group in groups] == seen
-        old = new
-    for group in groups:
-        group.happen(CLIENT)
-    assert recorder.looks == words
 
 
 def curves(feasible: bool) -> JointCurves:

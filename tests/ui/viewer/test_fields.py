@@ -266,3 +266,28 @@ def test_the_icons_of_viser_are_read_from_an_archive_that_stays_open(
         assert [*held, button._impl.props._icon_html] == list(genuine.values())
     finally:
         gateway.close()
+
+
+def test_why_a_text_was_refused_stands_below_its_field_until_something_is_taken(
+    page: Page,
+) -> None:
+    radius = page.add("number", "Radius (mm)", 25.0, min=5.0, max=45.0, hint="Of the region")
+    seed = page.add("number", "Seed", 0, min=0, max=100)
+    below = {field: page.gui.handles[page.gui.handles.index(field._handle) + 1]
+             for field in (radius, seed)}  # fmt: skip
+    page.finish(radius, "453")
+    assert "Radius (mm) must be 5 to 45, not 453" in below[radius].content
+    assert "Of the region. 5 to 45 mm." in below[radius].content  # the hint stays
+    page.finish(seed, "<b>")
+    assert "r-wrong" not in below[radius].content  # one at a time
+    assert "&lt;b&gt;" in below[seed].content
+    page.finish(seed, "7")
+    assert "r-wrong" not in below[seed].content
+    page.finish(seed, "x")
+    seed.value = 7  # written again as it is: the reason still holds
+    assert "r-wrong" in below[seed].content
+    seed.value = 8  # by somebody else
+    assert "r-wrong" not in below[seed].content
+    page.finish(seed, "x")
+    seed.remove()
+    assert below[seed].removed

@@ -1,0 +1,147 @@
+"""Link to the page round the viewer: what its tool bar may show, and what is asked for there.
+
+The page belongs to a browser, and so does the view. Both meet here: the page reads the state of the
+view from a hidden element and writes its wishes into a hidden field (``static/page/link.js``), so
+that they keep their order among what the fields of the docks send.
+"""
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+from typing import Any, NoReturn, get_args
+
+from rona_core.app.runtime.saving.export_captures import recorded_captures
+from rona_core.app.runtime.session_step import Redo, Undo
+from rona_core.errors import InvalidInputError
+from rona_ui.panels.widgets.panel_context import PanelContext, on_change
+from rona_ui.presentation.camera import HEAD, ROOM, TABLE
+from rona_ui.presentation.snapshot import Snapshot, changed
+from rona_ui.presentation.view_state import LAYERS, NEEDED, CutDirection
+from rona_ui.viewer.bindings import Event, escape
+from rona_ui.viewer.gateway import uuid_of
+from rona_ui.viewer.theme import set_theme
+
+CHOSEN_IN_STEP_9 = ("outer", "inner", "fused")  # these layers have fields of their own
+REACH_MM = 60.0  # of the cut to either side of the region's centre; no region is larger
+NOTHING_WRITTEN = "{}"
+SHOWN = (
+    "view.step",
+    "view.hidden",
+    "view.all_layers",
+    "view.cut_direction",
+    "view.cut_offset_mm",
+    "view.cut_maps",
+    "view.drawing",
+    "static_scene",
+    "session.id",
+    "session.captures",
+)
+
+
+class PageLink:
+    """Tells the page how this browser looks at the session, and does what its tool bar asks for."""
+
+    def __init__(self, gui: Any, context: PanelContext, buttons: Mapping[str, Any]) -> None:
+        """Link the page to ``gui``; ``buttons`` are those of the docks that it has keys for."""
+        self._gui, self._context = gui, context
+        self._buttons = {name: uuid_of(button) for name, button in buttons.items()}
+        field = gui.add_text("Page", NOTHING_WRITTEN, visible=False)
+        self._field = uuid_of(field)
+        self._html = gui.add_html("")
+        on_change(field, self._read)
+        self._acts: dict[str, Callable[[Any, Event], None]] = {
+            "undo": lambda value, event: context.send(Undo, event),
+            "redo": lambda value, event: context.send(Redo, event),
+            "save": lambda value, event: context.service("save", event, None),
+            "escape": lambda value, event: context.service("escape", event, None),
+            "camera": lambda value, event: context.set_camera(_one_of(value, _cameras(None))),
+            "theme": lambda value, event: set_theme(gui, dark=_one_of(value, THEMES) == "dark"),
+            "layer": lambda value, event: self._show_layer(value),
+            "all_layers": lambda value, event: self._set_view(all_layers=_flag(value)),
+            "cut": lambda value, event: self._set_view(cut_direction=_one_of(value, CUTS)),
+            "cut_offset": lambda value, event: self._set_view(cut_offset_mm=_offset_mm(value)),
+            "cut_maps": lambda value, event: self._set_view(cut_maps=_flag(value)),
+        }
+
+    def _read(self, event: Any) -> None:
+        """Do what the page has written."""
+        try:
+            wish = json.loads(event.target.value)
+            self._acts[wish["act"]](wish["value"], event)
+        except (ValueError, KeyError, TypeError, RecursionError, InvalidInputError) as error:
+            self._context.send(partial(_refuse, str(error)), event)
+
+    def _show_layer(self, value: Any) -> None:
+        self._context.show_layer(_one_of(value["name"], LAYERS), _flag(value["shown"]))
+
+    def _set_view(self, **fields: Any) -> None:
+        """Set fields of the view; the skull is whole while somebody draws on it."""
+        self._context.change_view(lambda v: v if v.drawing is not None else replace(v, **fields))
+
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
+        """Write the state of the view for the page."""
+        if not changed(old, new, *SHOWN):
+            return
+        told = escape(json.dumps(self._state(new), separators=(",", ":")))
+        self._html.content = f'<i hidden data-page="{self._field}" data-state="{told}"></i>'
+
+    def _state(self, new: Snapshot) -> dict[str, Any]:
+        view, scene = new.view, new.static_scene
+        return {
+            "session": new.session.id,
+            "ready": scene is not None,
+            "step": view.step,
+            "buttons": self._buttons,
+            "drawing": view.drawing is not None,
+            "cameras": _cameras(scene),
+            "layers": [
+                {
+                    "name": name,
+                    "title": title,
+                    "shown": name not in view.hidden,
+                    "needed": name in NEEDED[view.step],
+                }
+                for name, title in LAYERS.items()
+                if name not in CHOSEN_IN_STEP_9
+            ],
+            "all_layers": view.all_layers,
+            "cut": view.cut_direction,
+            "cut_offset": view.cut_offset_mm,
+            "cut_reach": REACH_MM,
+            "cut_maps": view.cut_maps,
+            "recordings": recorded_captures(new.session),
+        }
+
+
+CUTS: tuple[str, ...] = get_args(CutDirection)
+THEMES = ("light", "dark")
+
+
+def _cameras(scene: Any) -> tuple[str, ...]:
+    """Return the presets that can be chosen; all of them where no scene is told."""
+    if scene is None:
+        return (*ROOM, *HEAD, *TABLE)
+    return (*ROOM, *(TABLE if scene.head_axes_base is None else HEAD))
+
+
+def _one_of(value: Any, known: Any) -> Any:
+    if not isinstance(value, str) or value not in known:
+        raise InvalidInputError(f"expected one of {', '.join(known)}")
+    return value
+
+
+def _flag(value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise InvalidInputError("expected true or false")
+    return value
+
+
+def _offset_mm(value: Any) -> float:
+    if not isinstance(value, int | float) or not -REACH_MM <= value <= REACH_MM:
+        raise InvalidInputError(f"the cut must be {-REACH_MM:g} to {REACH_MM:g} mm off the centre")
+    return float(value)
+
+
+def _refuse(why: str) -> NoReturn:
+    raise InvalidInputError(f"the page asked for what nobody knows: load it again ({why})")

@@ -1,0 +1,88 @@
+"use strict";
+// What the docks of the viewer lack: hints on buttons and labels, and tabs that follow the step.
+// The server writes both into the page as hidden elements, see rona_ui/viewer/fields.py and
+// rona_ui/panels/layout/docks.py.
+
+const HINTS_MS = 300; // how often the hints are written anew, at most
+const TRY_MS = 150, MOST_TRIES = 40;
+const STEP_BUTTON = ".r-step";
+
+class DockHelper {
+  constructor(page) {
+    this.page = page; // window of the viewer
+    this.hinted = -Infinity;
+    this.followed = ""; // step
+    this.wanted = []; // names of tabs that are still to be opened
+    for (const kind of ["pointerover", "focusin"]) {
+      page.addEventListener(kind, () => this.hint(), true);
+    }
+    page.addEventListener("pointerdown", (event) => this.choose(event), true);
+    new page.MutationObserver(() => this.follow()).observe(
+      page.document.documentElement, { childList: true, subtree: true });
+    this.follow();
+  }
+
+  // Hints as titles: the viewer shows none on its buttons, and those of fields beside the label only.
+  hint() {
+    const now = performance.now(), inside = this.page.document;
+    if (now - this.hinted < HINTS_MS) return;
+    this.hinted = now;
+    for (const told of inside.querySelectorAll("[data-hint-for]")) {
+      const control = inside.getElementById(told.dataset.hintFor);
+      const label = inside.querySelector(`label[for="${CSS.escape(told.dataset.hintFor)}"]`);
+      for (const shown of [control?.matches("button") ? control : null, label]) {
+        if (shown && shown.title !== told.textContent) shown.title = told.textContent;
+      }
+    }
+    for (const row of inside.querySelectorAll(STEP_BUTTON)) { // a see-through button lies over it
+      const button = row.parentElement.nextElementSibling?.querySelector("button");
+      if (button && button.title !== row.title) button.title = row.title;
+    }
+  }
+
+  // The tabs that go with a step are opened once, when the step is; then they are the surgeon's.
+  follow() {
+    const wish = this.page.document.querySelector("[data-step-tabs]");
+    if (!wish || wish.dataset.step === this.followed) return;
+    this.followed = wish.dataset.step;
+    this.wanted = wish.dataset.stepTabs.split(",");
+    this.tries = 0;
+    clearTimeout(this.timer);
+    this.open();
+  }
+
+  // Until they are open: the docks may not have been drawn yet.
+  open() {
+    const tabs = [...this.page.document.querySelectorAll("[data-dock-strip] [data-dock-tab]")];
+    const found = this.wanted.map((name) => tabs.find((tab) => tab.textContent.trim() === name));
+    const closed = found.filter((tab) => tab?.getAttribute("aria-selected") !== "true");
+    if (!closed.length || ++this.tries > MOST_TRIES) {
+      this.wanted = [];
+      return;
+    }
+    for (const tab of closed) {
+      tab?.dispatchEvent(new this.page.KeyboardEvent("keydown", { key: "Enter", bubbles: true }));
+    }
+    this.timer = setTimeout(() => this.open(), TRY_MS);
+  }
+
+  // Somebody chooses a tab meanwhile.
+  choose(event) {
+    if (!event.target.closest?.("[data-dock-tab]")) return;
+    clearTimeout(this.timer);
+    this.wanted = [];
+  }
+}
+
+{
+  const frame = document.getElementById("viewer");
+  let helped = null; // the document that is looked after
+  const help = () => {
+    const inside = frame.contentDocument;
+    if (!inside?.body || inside === helped || inside.URL === "about:blank") return; // its load comes yet
+    helped = inside;
+    new DockHelper(frame.contentWindow);
+  };
+  frame.addEventListener("load", help);
+  help();
+}

@@ -1,0 +1,127 @@
+// Guided demo: the whole procedure on a virtual patient, one message after the other, with captions.
+
+import { $, API, ask, program, say, send, trying } from "./base.js";
+import { register } from "./commands.js";
+import { docked, link } from "./link.js";
+import { leaveFor } from "./sessions.js";
+import { onEscape } from "./stop.js";
+
+const READ_MS = 3500, LOOK_MS = 250;
+const NAME = "Guided demo";
+const CAPTIONS = {
+  StartToolCapture: "The robot pivots its tool about the tip and moves it along the axes while the tracker watches. So robot and tracker learn where the other one is.",
+  StartPointerCapture: "The hand-held pointer is pivoted about its tip: where the tip is, seen from its markers.",
+  StartSurfaceCapture: "The pointer slides over the skull. Its tip samples the surface as a cloud of points.",
+  StartPathCapture: "The surgeon shows with the pointer where the probe is to scan.",
+  SmoothScanPath: "Fewer points follow the same line within a tolerance. The surface under each gives the direction of the probe: a 5D path.",
+  StartRollSearch: "The roll about the probe axis is free. All angles are tried; the best one that the robot can traverse is timed, and a verifier that knows no planner certifies the motion.",
+  StartProbeMountingCapture: "The probe touches a steel gauge plate, so that it is known how it sits in its holder.",
+  StartScan: "The robot slides the probe over the bone under force control and takes an A-scan every few tenths of a millimetre.",
+  StartMapping: "Echoes become maps of the outer and the inner boundary, fused with the pointer's points, each with its error.",
+  StartGapPlan: "Where a slanted inner table sent no echo back, the map has gaps. Rows with a leaning probe are planned over them.",
+  StartGapScan: "The robot scans the gaps again.",
+  StartCaliperMeasurements: "A caliper at a few places tells how fast sound runs in this bone.",
+  StartBedSearch: "Where does an implant leave enough bone below it, and how surely? Every place and turn is tried against the maps as they may be.",
+};
+
+let tour = null; // the one that plays: session, paused, whether it has ended
+
+const still = (mine) => tour === mine;
+const sleep = (ms) => new Promise((done) => { setTimeout(done, ms); });
+
+function caption(words, step = "") {
+  $("guidestep").textContent = step;
+  $("guidewords").textContent = words;
+}
+
+function close() {
+  const was = tour !== null;
+  tour = null;
+  $("guide").hidden = true;
+  return was;
+}
+
+// Wait until somebody can have read the caption, and for as long as it is paused.
+async function read(mine) {
+  for (let waited = 0; still(mine) && (mine.paused || waited < READ_MS); await sleep(LOOK_MS)) {
+    if (!mine.paused) waited += LOOK_MS;
+  }
+}
+
+async function ready(mine) {
+  while (still(mine) && !(link.view?.session === mine.session && link.view.ready)) await sleep(LOOK_MS);
+}
+
+// Do one message; throw where it is refused or fails.
+async function carryOut(mine, { kind, message }) {
+  const sent = await (await send("POST", `/sessions/${mine.session}/${kind}/${message}`, {})).json();
+  if (kind === "commands") return;
+  for (let job = sent; still(mine); await sleep(LOOK_MS)) {
+    job = await ask(`/jobs/${job.id}`);
+    if (job.state === "failed") throw new Error(job.error);
+    if (job.state === "cancelled") throw new Error("it was stopped");
+    if (job.finished) return;
+  }
+}
+
+async function play(mine, messages) {
+  await ready(mine);
+  for (const [index, each] of messages.entries()) {
+    if (!still(mine)) return;
+    docked(each.step)?.click();
+    const title = docked(each.step)?.textContent.replace(/^Step \d+: /, "") ?? each.step;
+    caption(CAPTIONS[each.message] ?? "", `${index + 1} of ${messages.length} · ${title}`);
+    await read(mine);
+    try {
+      if (still(mine)) await carryOut(mine, each);
+    } catch (error) {
+      if (!still(mine)) return;
+      if (!each.may_be_left_out) return end(`The demo ends here: ${error.message}. All that was done is kept.`, false);
+      caption(`This part is left out: ${error.message}`, `${index + 1} of ${messages.length} · ${title}`);
+      await read(mine);
+    }
+  }
+  if (still(mine)) end("Done. The report holds maps, figures beside their limits and the certificate. Look round: every step stays open.", true);
+}
+
+function end(words, whole) {
+  caption(words, whole ? "The whole procedure" : "");
+  $("guidepause").hidden = true;
+  $("guidereport").hidden = false;
+  $("guideend").textContent = "Close";
+}
+
+async function begin() {
+  const { messages } = await ask("/procedure");
+  let session = null;
+  await leaveFor("start the guided demo", async () => {
+    session = (await (await send("POST", "/sessions", { name: NAME })).json()).id;
+  });
+  if (!session) return; // somebody stayed
+  tour = { session, paused: false };
+  $("guidepause").hidden = false;
+  $("guidepause").textContent = "Pause";
+  $("guidereport").hidden = true;
+  $("guideend").textContent = "End";
+  caption("A virtual patient, robot, tracker and probe, with errors that the program does not know.", NAME);
+  $("guide").hidden = false;
+  const mine = tour;
+  try {
+    await play(mine, messages);
+  } catch (error) {
+    if (still(mine)) end(`The demo ends here: ${error.message}.`, false);
+  }
+}
+
+$("guidepause").addEventListener("click", () => {
+  tour.paused = !tour.paused;
+  $("guidepause").textContent = tour.paused ? "Go on" : "Pause";
+});
+$("guideend").addEventListener("click", () => {
+  if (program.state?.jobs.length) say("The running step ends by itself, or by Stop");
+  close();
+});
+$("guidereport").addEventListener("click", () => { window.open(`${API}/sessions/${tour.session}/report`, "_blank", "noopener"); });
+$("homeguide").addEventListener("click", () => trying(begin));
+register({ id: "guide", group: "Page", title: NAME, everywhere: true, run: begin });
+onEscape(close);

@@ -1,0 +1,69 @@
+// Link to the viewer in its frame: its view as it is, and what the page asks of it.
+// The other end is rona_ui/panels/layout/page_link.py.
+
+import { $, tell } from "./base.js";
+
+export const viewer = $("viewer");
+export const link = { view: null, fields: null }; // the view of this browser; what is typed in docks
+const SETTLE_MS = 40;
+let heard = null; // the document whose keys reach us
+let told = ""; // the state that was read last
+let asked = 0;
+const listeners = []; // of keys and presses, here and in the frame
+
+export const inside = () => viewer.contentDocument;
+
+// Call `act(event)` first of all, in the page and in the frame.
+export function listen(kind, act) {
+  listeners.push([kind, act]);
+  window.addEventListener(kind, act, true);
+  if (heard) viewer.contentWindow.addEventListener(kind, act, true);
+}
+
+// Ask the viewer's end for something, in the order of what its fields send.
+export function act(what, value = null) {
+  const end = inside()?.querySelector("[data-page]");
+  const page = viewer.contentWindow;
+  if (!end || !page.__viserMutable?.sendMessage) return;
+  const wish = JSON.stringify({ act: what, value, number: ++asked });
+  page.__viserMutable.sendMessage({ type: "GuiUpdateMessage", uuid: end.dataset.page, updates: { value: wish } });
+}
+
+// A button of the docks by its name: one of the run bar's, or that of a step.
+export function docked(name) {
+  const id = link.view?.buttons[name];
+  return id === undefined ? null : inside().getElementById(id);
+}
+
+function read() {
+  const end = inside()?.querySelector("[data-page]");
+  if (end && end.dataset.state !== told) {
+    told = end.dataset.state;
+    link.view = JSON.parse(told);
+    tell("view", link.view);
+  }
+  tell("drawn", inside()); // something in the docks has changed
+}
+
+function enter() {
+  // Same origin: a key pressed in the viewer, in an input field too, reaches us first.
+  const page = inside();
+  if (!page?.body || page === heard || page.URL === "about:blank") return;
+  heard = page;
+  told = "";
+  link.view = null;
+  for (const [kind, call] of listeners) viewer.contentWindow.addEventListener(kind, call, true);
+  link.fields = new FieldKeeper(viewer.contentWindow); // static/fields.js
+  let waits = 0;
+  const changed = () => {
+    waits ||= setTimeout(() => { waits = 0; if (page === heard) read(); }, SETTLE_MS);
+  };
+  new viewer.contentWindow.MutationObserver(changed).observe(page.body, {
+    subtree: true, childList: true, attributes: true, attributeFilter: ["data-state", "disabled", "style", "class"],
+  });
+  tell("entered", page);
+  changed();
+}
+
+viewer.addEventListener("load", enter);
+export const begin = () => enter(); // the frame may have come before us

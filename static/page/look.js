@@ -1,0 +1,58 @@
+// Look of the page: light or dark, and a cover until the first picture is there.
+
+import { $, follow } from "./base.js";
+import { register } from "./commands.js";
+import { act, inside, link, viewer } from "./link.js";
+
+// ---------------------------------------------------------------- light and dark
+
+const system = matchMedia("(prefers-color-scheme: dark)");
+const chosen = () => localStorage.getItem("theme") ?? (system.matches ? "dark" : "light");
+
+function dress() {
+  const theme = chosen();
+  document.documentElement.dataset.theme = theme;
+  const page = inside()?.documentElement;
+  if (!page || !link.view) return;
+  if (page.dataset.theme !== theme) act("theme", theme);
+  page.dataset.theme = theme;
+}
+
+function turn() {
+  localStorage.setItem("theme", chosen() === "dark" ? "light" : "dark");
+  dress();
+}
+
+system.addEventListener("change", dress);
+register({ id: "theme", group: "Page", title: "Dark mode", icon: "theme", everywhere: true,
+  label: () => (chosen() === "dark" ? "Light mode" : "Dark mode"), run: turn });
+dress();
+
+// ---------------------------------------------------------------- what developers see
+
+const developer = new URLSearchParams(location.search).has("dev");
+follow("entered", (page) => { page.documentElement.toggleAttribute("data-dev", developer); });
+
+// ---------------------------------------------------------------- the cover
+
+const PATIENCE_MS = 15000; // then the docks are shown, whatever the scene does
+let since = 0;
+
+function uncover() {
+  const page = inside(), drawn = viewer.contentWindow.__viserSceneTree?.getState();
+  const dressed = page?.querySelector("[data-page]") && page.querySelector(".r-step");
+  const there = link.view?.ready && drawn && "/skull" in drawn;
+  if (!dressed || (!there && performance.now() - since < PATIENCE_MS)) return;
+  dress();
+  const frame = viewer.contentWindow.requestAnimationFrame.bind(viewer.contentWindow);
+  frame(() => frame(() => { $("splash").hidden = true; })); // the picture is on the screen
+}
+
+export function cover() {
+  since = performance.now();
+  $("splash").hidden = false;
+  const timer = setInterval(() => { if ($("splash").hidden) clearInterval(timer); else uncover(); }, 100);
+}
+
+follow("entered", cover);
+follow("view", dress);

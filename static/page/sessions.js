@@ -1,0 +1,200 @@
+// Sessions as a whole: the session menu, names, and what is asked before work goes out of sight.
+
+import { $, API, Refused, ask, follow, program, say, send, trying, when } from "./base.js";
+import { find, register, run } from "./commands.js";
+import { link } from "./link.js";
+import { Menu, close, entry, heading, line } from "./menus.js";
+import { onEscape } from "./stop.js";
+import { showHome, showSession } from "./views.js";
+
+const RECENT = 5; // files in the menu; the start page has all
+let files = [];
+
+const current = () => program.state?.session;
+
+// ---------------------------------------------------------------- questions
+
+// Ask something over the page; return which of the answers was given, `cancel` by Esc.
+function question(title, text, answers) {
+  $("leavetitle").textContent = title;
+  $("leavetext").textContent = text;
+  for (const name of ["cancel", "keep", "lose", "save"]) {
+    $(`leave${name}`).hidden = name !== "cancel" && !(name in answers);
+    if (answers[name]) $(`leave${name}`).textContent = answers[name];
+  }
+  $("leave").show(); // not modal: Stop stays in reach
+  $(answers.save ? "leavesave" : "leavecancel").focus();
+  return new Promise((resolve) => {
+    for (const name of ["cancel", "keep", "lose", "save"]) {
+      $(`leave${name}`).onclick = () => { $("leave").close(); resolve(name); };
+    }
+  });
+}
+
+onEscape(() => { const was = $("leave").open; if (was) $("leavecancel").click(); return was; });
+
+// Put another session in sight by `work()`; ask first where the present one is not saved.
+export async function leaveFor(words, work) {
+  const session = current();
+  if (session?.changes) {
+    const answer = await question(`Save “${session.name}” first?`,
+      `“${session.name}” has unsaved changes. You are about to ${words}. Without saving, “${session.name}” `
+      + "stays open in the background: return to it by the session menu.",
+      { save: "Save first", keep: "Keep open, unsaved" });
+    if (answer === "cancel") return;
+    if (answer === "save") await send("POST", `/sessions/${session.id}/save`);
+  }
+  await work();
+  showSession();
+}
+
+export const openDemo = () => leaveFor("open the demo", () => send("POST", "/sessions/demo"));
+export const openNew = () => leaveFor("start a new session", () => send("POST", "/sessions", {}));
+export const openFile = (file) => leaveFor(`open ${file}`, () => send("POST", "/sessions/open", { file }));
+export const showOpen = (id) => trying(async () => { await send("POST", `/sessions/${id}/current`); showSession(); });
+
+export function openUpload(file) {
+  return leaveFor(`open ${file.name}`,
+    () => send("POST", `/sessions/upload?name=${encodeURIComponent(file.name.slice(-120))}`, file));
+}
+
+async function closeSession() {
+  const { id, name, changes } = current(), busy = program.state.jobs.length > 0;
+  if (changes || busy) {
+    const why = changes ? "has unsaved changes" : "has a running job";
+    const loses = changes ? "the changes are lost" : "the job is cancelled";
+    const answer = await question(`Close “${name}”?`, `“${name}” ${why}. If you close it now, ${loses}.`,
+      { save: "Save and close", lose: "Close without saving" });
+    if (answer === "cancel") return;
+    if (answer === "save") await send("POST", `/sessions/${id}/save`);
+  }
+  const last = program.state.sessions.length === 1;
+  await send("DELETE", `/sessions/${id}`);
+  if (last) showHome();
+}
+
+// ---------------------------------------------------------------- names
+
+// Ask for a name; `work(name)` takes it, and throws where it cannot.
+function naming(title, verb, value, work) {
+  $("namingtitle").textContent = title;
+  $("namingdo").textContent = verb;
+  $("namingfield").value = value;
+  $("namingwhy").textContent = "";
+  $("naming").show();
+  $("namingfield").select();
+  $("namingform").onsubmit = async (event) => {
+    event.preventDefault();
+    try {
+      await work($("namingfield").value.trim());
+      $("naming").close();
+    } catch (error) {
+      $("namingwhy").textContent = error.message;
+    }
+  };
+}
+
+function leaveNaming() {
+  const was = $("naming").open;
+  $("naming").close();
+  if (was) $("sessionbutton").focus();
+  return was;
+}
+
+$("namingcancel").addEventListener("click", leaveNaming);
+onEscape(leaveNaming);
+
+function rename() {
+  const { id, name } = current();
+  naming("Rename the session", "Rename", name, (wanted) => send("POST", `/sessions/${id}/commands/RenameSession`, { name: wanted }));
+}
+
+function saveAs() {
+  const { id, name, file } = current();
+  let refused = ""; // a name that is taken: asked for again, it is replaced
+  naming("Save in a file of another name", "Save", (file ?? name).replace(/\.rona$/, ""), async (wanted) => {
+    try {
+      await send("POST", `/sessions/${id}/save`, { file: wanted, replace: refused === wanted });
+      say(`Saved in ${current().file ?? wanted}`);
+    } catch (error) {
+      if (error.code !== "name_taken") throw error;
+      refused = wanted;
+      $("namingdo").textContent = "Replace";
+      throw new Refused(`There is a file “${wanted}” already. Replace it? What was there stays beside it as .bak.`, error.code);
+    }
+  });
+}
+
+$("namingfield").addEventListener("input", () => {
+  if ($("namingdo").textContent === "Replace") $("namingdo").textContent = "Save";
+});
+
+// ---------------------------------------------------------------- the menu
+
+function save(path) {
+  const made = document.createElement("a");
+  made.href = API + path;
+  made.download = "";
+  made.click();
+}
+
+function fill(list) {
+  const session = current(), id = session?.id;
+  const command = (name, text) => entry(list, text ?? find(name).title, () => run(find(name)), { more: find(name).key ?? "" });
+  command("new");
+  command("open");
+  command("demo");
+  if (session) {
+    line(list);
+    command("save");
+    command("saveas");
+    command("rename");
+    command("download");
+    command("close");
+  }
+  const others = program.state?.sessions ?? [];
+  if (others.length > 1) {
+    heading(list, "Open sessions");
+    for (const each of others) {
+      entry(list, each.name, () => showOpen(each.id), { on: each.id === id, more: each.changes ? "not saved" : "" });
+    }
+  }
+  if (files.length) heading(list, "Recent files");
+  for (const { file, changed_utc } of files.slice(0, RECENT)) {
+    entry(list, file, () => trying(() => openFile(file)), { more: when(changed_utc) });
+  }
+  const recordings = session ? link.view?.recordings ?? [] : [];
+  if (recordings.length) heading(list, "Tracker recordings, for PLUS and 3D Slicer");
+  for (const [ordinal, words] of recordings) {
+    entry(list, words, () => save(`/sessions/${id}/captures/${ordinal}/file`), { more: "download" });
+  }
+}
+
+const menu = new Menu($("sessionbutton"), fill);
+let held = "";
+follow("status", async (state) => {
+  const now = JSON.stringify(state.sessions.map(({ id, name, changes, file, saved }) => [id, name, changes, file, saved]));
+  if (now === held) return;
+  held = now;
+  try { files = (await ask("/files")).files; } catch { files = []; } // the start page tells why
+  menu.refill();
+});
+
+register(
+  { id: "new", group: "Session", title: "New session", everywhere: true, run: openNew },
+  { id: "open", group: "Session", title: "Open…", key: "Ctrl+O", everywhere: true, run: () => { close(); showHome(); } },
+  { id: "demo", group: "Session", title: "Demo", everywhere: true, run: openDemo },
+  { id: "saveas", group: "Session", title: "Save as…", enabled: current, run: saveAs },
+  { id: "rename", group: "Session", title: "Rename…", enabled: current, run: rename },
+  { id: "download", group: "Session", title: "Download a copy", enabled: current, run: () => save(`/sessions/${current().id}/file`) },
+  { id: "close", group: "Session", title: "Close session", enabled: current, run: closeSession },
+);
+
+// ---------------------------------------------------------------- after the program has been started anew
+
+let begun = null;
+follow("status", (state) => {
+  if (begun !== null && begun !== state.run) location.reload(); // what is drawn is of the old one
+  begun = state.run;
+});
+
