@@ -48,6 +48,7 @@ SUITES: Mapping[str, str] = {
     "implant": "implant",
     "placement": "implant",
     "beds": "implant",
+    "rehearsal": "implant",
 }
 Case = Literal["default", "full", "smallest"]
 COLUMNS = ("figure", "value", "unit", "goal", "peer", "holds")

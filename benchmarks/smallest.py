@@ -203,6 +203,11 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
         "suites.implant.beds.BEDS": 2,
         "suites.implant.patient_beds.SEARCHED": ("Osia/Baha screw",),
     },
+    "rehearsal": {
+        "suites.implant.rehearsal.SEEDS": (),
+        "suites.implant.rehearsal.FILES": (DEMO,),
+        "suites.implant.rehearsal.DEEP_BEDS": 0,
+    },
     "accuracy": {
         **ONCE,
         "suites.accuracy.accuracy.SEEDS": (),

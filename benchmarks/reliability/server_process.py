@@ -12,6 +12,8 @@ from collections.abc import Generator, Sequence
 from pathlib import Path
 from typing import Any
 
+from rona_ui.resources import demo_session
+
 TOKEN = "token-of-the-benchmark"
 
 
@@ -39,16 +41,16 @@ class ServerProcess:
     """A server that answers."""
 
     def __init__(self, folder: Path) -> None:
-        """Start it on a free port; its sessions live in ``folder``."""
+        """Start it on a free port with a copy of the demo; its sessions live in ``folder``."""
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "rona_ui", "serve", "--no-open", "--port", "0"]
-            + ["--sessions", str(folder)],
+            [sys.executable, "-m", "rona_ui", "serve", str(demo_session()), "--no-open"]
+            + ["--port", "0", "--sessions", str(folder)],
             stdout=subprocess.PIPE,
             text=True,
             env={**os.environ, "RONA_TOKEN": TOKEN},
         )
         line = self.process.stdout.readline() if self.process.stdout else ""
-        self._address = line.split()[-1].partition("?")[0]
+        self._address = line.split()[-1].rpartition("/")[0]
 
     @property
     def children(self) -> list[int]:

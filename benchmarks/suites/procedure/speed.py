@@ -128,7 +128,7 @@ def _captures(done: Sequence[TimedProcedure]) -> list[Metric]:
 
 def _loop_steps(session: Session) -> int:
     """Return how many steps of the contact loop both scans recorded."""
-    scans = (session.captures.scan, session.captures.second)
+    scans = (session.captures.scan, *session.captures.second)
     return sum(len(s.forces.times_s) for s in scans if s is not None and s.forces is not None)
 
 

@@ -18,7 +18,8 @@ import websockets.asyncio.client
 from benchmarks.metric import Metric, Progress
 from benchmarks.reliability.server_process import TOKEN
 from rona_core.compose import build_registry
-from rona_ui.server import ServerSettings, open_first_session, server_of
+from rona_ui.resources import demo_session
+from rona_ui.server import ServerSettings, server_of
 from rona_ui.viewer.gateway import ViewerGateway
 from rona_ui.window.window import Window, open_window
 
@@ -74,7 +75,7 @@ def _server() -> Generator[tuple[int, Window]]:
         folder = Path(ends.enter_context(tempfile.TemporaryDirectory()))
         hub = build_registry(folder, processes=False)
         ends.callback(hub.close_all)
-        open_first_session(hub)
+        hub.open_path(demo_session())
         gateway = ViewerGateway()
         ends.callback(gateway.close)
         window = open_window(gateway.server, hub)
