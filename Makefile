@@ -1,6 +1,6 @@
 # The verbs of RONA. Everything is installed into .venv; a second call finds its stamp and is instant.
 #
-#   make run          install, start the server and open the demo session
+#   make run          install, start the server and open its start page
 #   make test         install what the tests need, a browser too, and run them all
 #   make test-all     the same with ten times as many examples in property tests
 #   make mutants      change the code in small ways and count what the tests notice (ARGS=--all)

@@ -9,7 +9,7 @@ setup(
     packages=[*find_packages(include=["rona_core*", "rona_ui*"]), *FOLDERS],
     package_dir=FOLDERS,
     package_data={
-        "rona_core": ["py.typed"],
+        "rona_core": ["py.typed", "virtual/specimen/simulated/head_template.*"],
         "rona_ui._static": ["**/*"],
         "rona_ui._sessions": ["demo.rona", "README.md"],
     },

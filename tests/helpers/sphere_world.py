@@ -66,6 +66,9 @@ class SphereSpecimen:
         mesh = trimesh.creation.icosphere(2, self.radius_mm)
         return Mesh(np.array(mesh.vertices) + self.center, np.array(mesh.faces, dtype=np.int64))
 
+    def drawn_head(self, edge_mm=3.0):
+        return None
+
 
 @dataclass(frozen=True)
 class ShiftError:

@@ -15,6 +15,8 @@ from typing import Any
 
 import pytest
 
+from rona_ui.resources import demo_session
+
 REPOSITORY = Path(__file__).resolve().parents[3]
 CHROMIUM = Path(os.environ.get("RONA_CHROMIUM", "/usr/bin/chromium"))
 TOKEN = "token-of-the-browser-test"
@@ -80,7 +82,7 @@ NODES = """() => {
   const empty = ['/drawing', '/pointer', '/maps', '/path', '/scan', '/rolls', '/surface',
     '/edit', '/pattern', '/places', '/places/best', '/places/smallest',
     '/margins', '/obstacles', '/second', '/references', '/implant', '/bed', '/milling',
-    '/chance'];
+    '/chance', '/head', '/sight', '/labels'];
   return all.filter((n) => !empty.includes(n)).sort();
 }"""
 
@@ -112,11 +114,15 @@ def running_browser() -> Iterator[Any]:
 
 @contextmanager
 def running_server(sessions: Path, pace: float | None = None) -> Iterator[str]:
-    """Run `rona serve` on a free port, captures at its own or another pace; yields its address."""
+    """Run `rona serve` on a free port with a copy of the demo open; yields the session's address.
+
+    Captures are shown at its own or another pace.
+    """
     port = free_port()
     environment = {**os.environ, "RONA_TOKEN": TOKEN, "OMP_NUM_THREADS": "1"}
     log = (sessions / "server.log").open("wb")
-    arguments = ["serve", "--port", str(port), "--sessions", str(sessions), "--no-open"]
+    arguments = ["serve", str(demo_session()), "--no-open"]
+    arguments += ["--port", str(port), "--sessions", str(sessions)]
     arguments += [] if pace is None else ["--pace", str(pace)]
     server = subprocess.Popen(
         [sys.executable, "-m", "rona_ui", *arguments],
@@ -130,7 +136,7 @@ def running_server(sessions: Path, pace: float | None = None) -> Iterator[str]:
         wait_for(lambda: _answers(address) or server.poll() is not None, "the server")
         if server.poll() is not None:
             raise RuntimeError((sessions / "server.log").read_text())
-        yield f"{address}?token={TOKEN}"
+        yield f"{address}session?token={TOKEN}"
     finally:
         server.terminate()
         try:
@@ -190,6 +196,7 @@ class Surgeon:
             " && document.querySelectorAll('.r-step').length == 10",
             timeout=PATIENCE_S * 1000,
         )
+        self.page.locator("#splash").wait_for(state="hidden")
         close = self.frame.locator(".mantine-Notification-root button")
         for _ in range(close.count()):  # tells of software rendering, and covers the scene
             close.first.click()
@@ -219,6 +226,25 @@ class Surgeon:
         title = f"Step {STEPS.index(name) + 1}: {name}"
         self.button(title).click()
         self.frame.locator(".r-title").get_by_text(title, exact=True).wait_for()
+
+    def menu(self, name: str, entry: str | None = None) -> None:
+        """Open a menu of the tool bar, and click an entry by the beginning of its words."""
+        self.page.locator(f"#{name}").click()
+        menu = self.page.locator(f"#{name}menu")
+        menu.wait_for()
+        if entry is not None:
+            words = re.compile(f"^●?{re.escape(entry)}")
+            menu.locator(".entry").filter(has_text=words).first.click()
+
+    def command(self, words: str) -> None:
+        """Carry out a command by the palette."""
+        self.page.keyboard.press("Control+k")
+        self.page.locator("#palettefield").fill(words)
+        self.page.keyboard.press("Enter")
+
+    def saved(self) -> str:
+        """Return what the bar says of the session's file."""
+        return self.page.locator("#saved").inner_text()
 
     def tab(self, name: str) -> None:
         """Click a tab of the right dock."""
