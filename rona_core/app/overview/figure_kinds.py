@@ -100,13 +100,11 @@ FIGURES: dict[str, FigureKind] = {
     "bed_probability": FigureKind("Implant bed, probability", "bed", "", 3),
     "bed_residual_mm": FigureKind("Bone below the bed, by the maps", "bed", "mm", 2),
     "bed_residual_true_mm": FigureKind("Bone below the bed, true", "bed", "mm", 2),
-    "rehearsal_residual_mm": FigureKind(
-        "Bone left by a rehearsal, as thought", "rehearsal", "mm", 2
-    ),
+    "rehearsal_residual_mm": FigureKind("Bone left, by the rehearsal", "rehearsal", "mm", 2),
     "rehearsal_residual_true_mm": FigureKind(
         "Bone left by a rehearsal, true", "rehearsal", "mm", 2
     ),
-    "rehearsal_raised_mm": FigureKind("Rehearsal: floor higher than planned", "rehearsal", "mm", 2),
+    "rehearsal_raised_mm": FigureKind("Rehearsal: floor above plan", "rehearsal", "mm", 2),
     "rehearsal_implant_high_mm": FigureKind(
         "Rehearsal: implant over its seat", "rehearsal", "mm", 2
     ),

@@ -79,12 +79,15 @@ def test_the_procedure_completes_within_the_goals(demo):
     assert len(by_hand) == 7
     of_bed = {key for key in figures if key.startswith("bed_")}  # nobody asked for one
     assert len(of_bed) == 4
+    of_rehearsal = {key for key in figures if key.startswith("rehearsal_")}
+    assert len(of_rehearsal) == 5
     assert nothing == {
         "failed_step",
         "reason",
         "second_pass_reason",
         "references_reason",
         *of_bed,
+        *of_rehearsal,
         *of_loaded,
         *by_hand,
     }
