@@ -180,6 +180,7 @@ def test_ten_steps_by_mouse_then_saved_and_opened_again(surgeon: Surgeon) -> Non
     card.click()
     surgeon.wait_state("Maps", "done")
     surgeon.come()  # the page anew: nothing that is shown may live in the browser
+    surgeon.open_step("Implant bed")  # the figures of the open step stand first
     wait_for(lambda: quality(surgeon) == figures, "the figures to come back")
     assert surgeon.states() == states
     assert surgeon.nodes() == nodes
