@@ -62,7 +62,7 @@ SHAPES: dict[str, dict[str, str]] = {
     "RawPath": {"n 3": "points_base"},
     "ProbeMounting": {"k": "residuals_mm"},
     "ReferenceCapture": {"n 3": "places_base", "n": "thickness_mm sigma_mm"},
-    "Rehearsal": {"m": "scans heard_mm mapped_mm", "m 3": "places_bed"},
+    "Rehearsal": {"m": "scans measured_mm mapped_mm", "m 3": "places_bed"},
     "RollSearch": {
         "n": "rolls_rad",
         "n 3": "path.points_base",

@@ -103,12 +103,14 @@ def _limits(found: Sequence[Rehearsed]) -> Iterator[Metric]:
 def _heard(safe: Sequence[Rehearsed]) -> Iterator[Metric]:
     """Yield how far residuals of the floor are off the true ones."""
     asked = [one for one in safe if one.asked]
-    yield _share("beds whose floor was heard", [len(one.heard_off_mm) > 0 for one in safe])
-    if not asked or not any(len(one.heard_off_mm) for one in asked):
+    yield _share("beds whose floor was measured", [len(one.measured_off_mm) > 0 for one in safe])
+    if not asked or not any(len(one.measured_off_mm) for one in asked):
         return
-    heard = np.concatenate([one.heard_off_mm for one in asked])
+    measured = np.concatenate([one.measured_off_mm for one in asked])
     mapped = np.concatenate([one.mapped_off_mm for one in asked])
-    yield Metric(f"re-scan, {len(heard)} places: residual RMS", _rms(heard), "mm", "lower", 0.3)
+    yield Metric(
+        f"re-scan, {len(measured)} places: residual RMS", _rms(measured), "mm", "lower", 0.3
+    )
     yield Metric("maps at the same places: residual RMS", _rms(mapped), "mm", "lower")
 
 
@@ -117,7 +119,7 @@ def _seats(safe: Sequence[Rehearsed]) -> Iterator[Metric]:
     seats = [(one.seated, one.raised_mm) for one in safe if one.seated is not None]
     high = [seat.high_mm - raised for seat, raised in seats]
     for name, values in (
-        ("implant over its told seat", high),
+        ("implant over its commanded seat", high),
         ("gap below it, mean", [seat.gap_mean_mm for seat, _ in seats]),
         ("rock at its edge", [seat.rock_mm for seat, _ in seats]),
     ):

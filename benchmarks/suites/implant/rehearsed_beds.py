@@ -13,7 +13,7 @@ from rona_core.app.steps.implant.messages import ImplantName, PlaceBed, PlanMill
 from rona_core.app.steps.implant.milling_derivation import milling_model, robot_path_of
 from rona_core.app.steps.implant.milling_motion import milling_plan_of
 from rona_core.app.steps.implant.rehearsal_task import (
-    FloorListener,
+    FloorDetector,
     burr_way,
     milling_task,
     task_along,
@@ -36,8 +36,8 @@ IMPLANTS: tuple[ImplantName, ...] = ("BCI 602", "BCI 601")  # the second is twic
 TOO_DEEP_MM = (-0.8, 0.4)  # least residual by the maps
 GUARDS = {
     "all guards": Guards(),
-    "force alone": Guards(scan_again=False),
-    "no guard": Guards(scan_again=False, feel=False),
+    "force alone": Guards(rescan=False),
+    "no guard": Guards(rescan=False, stop_on_force=False),
 }
 
 
@@ -54,7 +54,7 @@ class Rehearsed:
     stopped: bool
     raised_mm: float
     asked: int  # places of the floor that were scanned again
-    heard_off_mm: Floats  # (m,) residual by the re-scan less that of the true bone
+    measured_off_mm: Floats  # (m,) residual by the re-scan less that of the true bone
     mapped_off_mm: Floats  # (m,) and by the maps, at the same places
     most_n: float
     seated: Seated | None  # the implant in the bone; None where the milling was stopped
@@ -101,12 +101,12 @@ def _planned(session: Session) -> Session:
 
 def _rehearsed(number: int, session: Session, task: MillingTask, name: str, bed: int) -> Rehearsed:
     site = milling_site(session, bed)
-    listener = FloorListener(session, task.way.T_base_bed)
-    course = rehearse(task, site, listener, GUARDS[name])
+    detector = FloorDetector(session, task.way.T_base_bed)
+    outcome = rehearse(task, site, detector, GUARDS[name])
     off = mapped_off = np.zeros(0)
-    if course.heard is not None and site.scanned_mm is not None:
-        true = site.scanned_mm[course.heard.scans]
-        off, mapped_off = course.heard.residual_mm - true, course.heard.mapped_mm - true
+    if outcome.measured is not None and site.scanned_mm is not None:
+        true = site.scanned_mm[outcome.measured.scans]
+        off, mapped_off = outcome.measured.residual_mm - true, outcome.measured.mapped_mm - true
     return Rehearsed(
         patient=number,
         deep=bed > 0,
@@ -114,13 +114,13 @@ def _rehearsed(number: int, session: Session, task: MillingTask, name: str, bed:
         limit_mm=task.limit_mm,
         mapped_mm=float(task.mapped(task.way.bottoms_bed)[0].min()),
         left_mm=np.array(site.least_mm),
-        stopped=course.stopped,
-        raised_mm=course.raised_mm,
-        asked=course.asked,
-        heard_off_mm=off,
+        stopped=outcome.stopped,
+        raised_mm=outcome.raised_mm,
+        asked=outcome.asked,
+        measured_off_mm=off,
         mapped_off_mm=mapped_off,
-        most_n=course.most_n,
-        seated=None if course.stopped else seated(milling_view(session).implant, site.left_bone()),
+        most_n=outcome.most_n,
+        seated=None if outcome.stopped else seated(milling_view(session).implant, site.left_bone()),
     )
 
 

@@ -30,21 +30,16 @@ def seated(implant: Implant, left: LeftBone) -> Seated:
     its place is still a bed.
     """
     steps = np.arange(-REACH_MM, REACH_MM + 1e-9, STEP_MM)
-    best: tuple[float, float, float] | None = None
-    for x in steps.tolist():
-        for y in steps.tolist():
-            _, room = _room(implant, left, x, y)
-            high = float(room.max())
-            if best is None or (high, np.hypot(x, y)) < (best[0], np.hypot(*best[1:])):
-                best = (high, x, y)
-    if best is None:
-        raise ValueError("an implant has somewhere to go")
-    high, x, y = best
+    high, aside, x, y = min(
+        (float(_room(implant, left, x, y)[1].max()), float(np.hypot(x, y)), x, y)
+        for x in steps.tolist()
+        for y in steps.tolist()
+    )
     needed, room = _room(implant, left, x, y)
     lowest: Bools = needed > needed.max() - 0.05
     return Seated(
         high_mm=high,
-        aside_mm=float(np.hypot(x, y)),
+        aside_mm=aside,
         gap_mean_mm=float((high - room).mean()),
         rock_mm=_rock_mm(*_floor(implant, left, x, y, lowest)),
     )

@@ -13,7 +13,7 @@ from rona_core.app.steps.implant.view import milling_view
 from rona_core.evaluation.figures import Figures
 from rona_core.evaluation.milling.milled_bed import seated
 from rona_core.evaluation.truth import Truth
-from rona_core.planning.rehearsal.depth_correction import told_way
+from rona_core.planning.rehearsal.depth_correction import corrected_way
 from rona_core.session.memo import Memo
 from rona_core.virtual.milling.milling_site import VirtualMillingSite
 from rona_core.virtual.scene import VirtualScene
@@ -54,10 +54,11 @@ def milled_again(session: "Session", found: Rehearsal, scene: VirtualScene) -> V
     view = milling_view(session)
     way = burr_way(view, motion.path_mm, motion.qs_rad, motion.times_s)
     ceiling = -np.inf if found.ceiling_mm is None else found.ceiling_mm
-    told, _ = told_way(way, found.pause, ceiling)
-    told = told.part(np.arange(len(told)) < found.steps)
+    commanded, _ = corrected_way(way, found.pause, ceiling)
+    commanded = commanded.part(np.arange(len(commanded)) < found.steps)
     site = VirtualMillingSite(scene, milling_model(session, view), found.number)
-    for part in (told.part(told.layers <= found.pause), told.part(told.layers > found.pause)):
+    before = commanded.layers <= found.pause
+    for part in (commanded.part(before), commanded.part(~before)):
         if len(part):
             site.follow(part)
             for _ in range(len(part)):

@@ -53,14 +53,14 @@ class Breakthrough:
             self._above = NEAR**2 * np.array(near)
             self._felt = self._nothing()
 
-    def feel(
+    def update(
         self, reading: ForceReading, bottom_bed: Floats, area_mm2: float, feed_mm_per_s: float
     ) -> bool:
         """Return whether the burr is through, by this step and those before it.
 
         Args:
             reading: Force along the step.
-            bottom_bed: Lowest place of the burr (3,), as it was told.
+            bottom_bed: Lowest place of the burr (3,), as commanded.
             area_mm2: Section of the chip that it should take.
             feed_mm_per_s: Of the step.
         """

@@ -25,8 +25,8 @@ def ceiling_mm(bottoms_bed: Floats, drawn_mm: Floats, limit_mm: float, score: fl
     return median + score * float(np.sqrt((above**2).mean())) if len(above) else median
 
 
-def told_way(way: BurrWay, pause: int, ceiling: float) -> tuple[BurrWay, Ints]:
-    """Return what the burr is told, and which places (m,) of the planned way that comes from.
+def corrected_way(way: BurrWay, pause: int, ceiling: float) -> tuple[BurrWay, Ints]:
+    """Return the way with its depth corrected, and which planned places (m,) it comes from.
 
     After the floor was scanned again nothing is milled below a height; layers that would cut
     nothing any more are left out.

@@ -23,7 +23,7 @@ class FeedControl:
         self.share = 1.0
         self._force_n = 0.0
 
-    def feel(self, reading: ForceReading) -> None:
+    def update(self, reading: ForceReading) -> None:
         """Take in the force of a step."""
         limits = self._limits
         self._force_n = limits.memory * self._force_n + (1.0 - limits.memory) * reading.mean_n

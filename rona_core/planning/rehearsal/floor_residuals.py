@@ -1,7 +1,7 @@
-"""Bone left below a milled floor: draws of the maps, put right by what the probe heard there.
+"""Bone left below a milled floor: draws of the maps, corrected by what the probe measured there.
 
-The draws say how errors of the maps hang together from place to place, so what was heard at some
-places moves all of them (an ensemble Kalman filter with perturbed observations, Evensen 1994).
+The draws say how errors of the maps hang together from place to place, so what was measured at
+some places moves all of them (an ensemble Kalman filter with perturbed observations, Evensen 1994).
 """
 
 from dataclasses import dataclass
@@ -16,8 +16,8 @@ OUTLIER = 3.5  # sigmas off the median difference
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class HeardFloor:
-    """What was heard from a floor: m places in ``bed``."""
+class MeasuredFloor:
+    """Residual bone measured from a floor: m places in ``bed``."""
 
     scans: Ints  # (m,) which of the A-scans
     places_bed: Floats  # (m, 3)
@@ -27,9 +27,9 @@ class HeardFloor:
     mapped_mm: Floats  # (m,) by the maps
     drawn_mm: Floats  # (m, k) in draws of the maps
 
-    def part(self, which: Bools) -> "HeardFloor":
+    def part(self, which: Bools) -> "MeasuredFloor":
         """Return some of the places (m,)."""
-        return HeardFloor(
+        return MeasuredFloor(
             self.scans[which],
             self.places_bed[which],
             self.residual_mm[which],
@@ -39,7 +39,7 @@ class HeardFloor:
             self.drawn_mm[which],
         )
 
-    def without_outliers(self) -> "HeardFloor":
+    def without_outliers(self) -> "MeasuredFloor":
         """Return it without places that are far off what the others say of the maps."""
         off = self.residual_mm - self.mapped_mm
         sigma = np.hypot(self.drawn_mm.std(axis=1), self.sigma_mm)
@@ -47,21 +47,21 @@ class HeardFloor:
 
 
 class CorrectedBone:
-    """Draws of the bone below a bed, moved by what was heard."""
+    """Draws of the bone below a bed, moved by what was measured."""
 
-    def __init__(self, heard: HeardFloor) -> None:
-        """Take in what was heard, at least at one place."""
-        self._places = heard.places_bed
-        self._off = heard.drawn_mm - heard.drawn_mm.mean(axis=1, keepdims=True)
+    def __init__(self, measured: MeasuredFloor) -> None:
+        """Take in what was measured, at least at one place."""
+        self._places = measured.places_bed
+        self._off = measured.drawn_mm - measured.drawn_mm.mean(axis=1, keepdims=True)
         count, draws = self._off.shape
         random = np.random.default_rng(0)
-        own = np.hypot(heard.sigma_mm, LEAST_SIGMA_MM)
-        common = heard.common_share * heard.residual_mm
+        own = np.hypot(measured.sigma_mm, LEAST_SIGMA_MM)
+        common = measured.common_share * measured.residual_mm
         noise = own[:, None] * random.standard_normal((count, draws))
         noise += common[:, None] * random.standard_normal(draws)
         cov = self._tied(self._places, self._off) + np.diag(own**2) + np.outer(common, common)
-        told = heard.residual_mm[:, None] + noise - heard.drawn_mm
-        self._moves = np.linalg.solve(cov, told)
+        innovations = measured.residual_mm[:, None] + noise - measured.drawn_mm
+        self._moves = np.linalg.solve(cov, innovations)
 
     def draws(self, places_bed: Floats, drawn_mm: Floats) -> Floats:
         """Return residuals (n, k) below places (n, 3) in draws, given those of the maps (n, k)."""
@@ -69,7 +69,7 @@ class CorrectedBone:
         return drawn_mm + self._tied(places_bed, off) @ self._moves
 
     def _tied(self, places_bed: Floats, off_mm: Floats) -> Floats:
-        """Return the covariance (n, m) of places with those that were heard."""
+        """Return the covariance (n, m) of places with those that were measured."""
         away2 = ((places_bed[:, None, :2] - self._places[None, :, :2]) ** 2).sum(axis=-1)
         taper = np.exp(-0.5 * away2 / TAPER_MM**2)
         return taper * (off_mm @ self._off.T) / (off_mm.shape[1] - 1)

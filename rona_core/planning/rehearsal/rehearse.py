@@ -15,21 +15,19 @@ from rona_core.errors import CancelledError
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.planning.placement.chance import chance_above
 from rona_core.planning.rehearsal.breakthrough import Breakthrough
-from rona_core.planning.rehearsal.depth_correction import ceiling_mm, told_way
+from rona_core.planning.rehearsal.commanded_floor import CommandedFloor
+from rona_core.planning.rehearsal.depth_correction import ceiling_mm, corrected_way
 from rona_core.planning.rehearsal.feed_control import FeedControl
-from rona_core.planning.rehearsal.floor_residuals import CorrectedBone, HeardFloor
+from rona_core.planning.rehearsal.floor_residuals import CorrectedBone, MeasuredFloor
 from rona_core.planning.rehearsal.site import BurrWay, MillingSite
-from rona_core.planning.rehearsal.told_floor import ToldFloor
 
 STEP_MM = 1.5  # between places of the scan of a floor
 ROUGH_MM = 0.2  # of a floor that a face is pressed on: ridges are less
 EDGE_MM = 0.4  # from the face to the wall
-LOUD_MM = 0.3  # over the least bone that the probe resolves
-LOUD_SIGMAS = 2.0
+RESOLVED_MARGIN_MM = 0.3  # over the least bone that the probe resolves
+RESOLVED_SIGMAS = 2.0
 HEAD_MM = 0.1  # rms by which the head moves in its clamp in the meantime; assumed
 ARM_SIGMAS = 3.0  # of the maps, that the inner boundary may be nearer than thought
-ARM_MM = 0.0
-LEAST_STEP_MM = 0.1
 WATCH = 200  # steps between two looks at cancel
 
 # boundary heights in bed: places (n, 3) -> (n,)
@@ -37,15 +35,15 @@ Heights = Callable[[Floats], Floats]
 # bone below places (n, 3) of ``bed`` by the maps (n,), and in draws of them (n, k)
 Mapped = Callable[[Floats], tuple[Floats, Floats]]
 # A-scans on a floor, places -> thickness, sigma, ok (m,), and the relative sigma that all share
-Listen = Callable[[AScanTrack, Floats], tuple[Floats, Floats, Bools, float]]
+MeasureFloor = Callable[[AScanTrack, Floats], tuple[Floats, Floats, Bools, float]]
 
 
 @dataclass(frozen=True, slots=True)
 class Guards:
     """What keeps the burr off the dura."""
 
-    scan_again: bool = True  # and put the depth right
-    feel: bool = True  # stop where the force falls
+    rescan: bool = True  # and put the depth right
+    stop_on_force: bool = True  # stop where the force falls
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,15 +60,15 @@ class MillingTask:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Course:
+class MillingOutcome:
     """How a rehearsal went."""
 
     pause: int  # last layer before the floor was scanned again; -1: it was not
     ceiling_mm: float  # height below which nothing was to be milled after that; -inf: as planned
-    steps: int  # of the way, see `told_way`
+    steps: int  # of the way, see `corrected_way`
     stopped: bool  # by the force
     asked: int  # places of the floor that were scanned
-    heard: HeardFloor | None  # what counted of them
+    measured: MeasuredFloor | None  # what counted of them
     raised_mm: float  # by which the lowest place is higher than planned
     residual_mm: float  # least bone below what was milled, as thought in the end: median
     probability: float  # that it is as much as was asked for
@@ -81,18 +79,18 @@ class Course:
 def rehearse(
     task: MillingTask,
     site: MillingSite,
-    listen: Listen,
+    measure: MeasureFloor,
     guards: Guards | None = None,
     *,
     progress: Progress = silent,
     cancel: Cancel = never,
-) -> Course:
+) -> MillingOutcome:
     """Mill a bed at a site, deciding by force and by A-scans alone.
 
     Raises:
         CancelledError: somebody cancelled.
     """
-    return _Rehearsal(task, site, guards or Guards(), progress, cancel).run(listen)
+    return _Rehearsal(task, site, guards or Guards(), progress, cancel).run(measure)
 
 
 class _Rehearsal:
@@ -110,49 +108,49 @@ class _Rehearsal:
         self._progress, self._cancel = progress, cancel
         way = task.way
         reach = np.abs(way.bottoms_bed[:, :2]).max() + way.radii_mm.max()
-        self._floor = ToldFloor(float(reach))
+        self._floor = CommandedFloor(float(reach))
         cells = self._floor.cells()
         heights = task.outer_mm(np.column_stack((cells, np.zeros(len(cells)))))
         self._floor.top_mm = heights.reshape(self._floor.top_mm.shape).copy()
         self._feed, self._force = FeedControl(), Breakthrough(float(reach))
         self._duration_s, self._most_n, self._done = 0.0, 0.0, 0
 
-    def run(self, listen: Listen) -> Course:
+    def run(self, measure: MeasureFloor) -> MillingOutcome:
         """Mill the first layers, scan their floor, put the depth right and mill the rest."""
         task, way = self._task, self._task.way
         drawn = task.mapped(way.bottoms_bed)[1]
-        pause = self._pause(drawn) if self._guards.scan_again else -1
+        pause = self._pause(drawn) if self._guards.rescan else -1
         before: Bools = way.layers <= pause
         first = way.part(before)
         done, stopped = self._mill(first, drawn[before])
-        heard, asked, ceiling = None, 0, -np.inf
+        measured, asked, ceiling = None, 0, -np.inf
         if not stopped:
             if len(first):
-                asked, heard = self._scan(listen, first)
-            if heard is not None:
-                drawn = CorrectedBone(heard).draws(way.bottoms_bed, drawn)
+                asked, measured = self._scan(measure, first)
+            if measured is not None:
+                drawn = CorrectedBone(measured).draws(way.bottoms_bed, drawn)
             wander = np.random.default_rng(0).standard_normal(drawn.shape[1])
             drawn = drawn + HEAD_MM * wander
-            if self._guards.scan_again:
+            if self._guards.rescan:
                 bottoms, score = way.bottoms_bed[~before], float(ndtri(task.probability))
                 ceiling = ceiling_mm(bottoms, drawn[~before], task.limit_mm, score)
-        told, rows = told_way(way, pause, ceiling)
-        lifted = told.bottoms_bed[:, 2] - way.bottoms_bed[rows, 2]
+        commanded, rows = corrected_way(way, pause, ceiling)
+        lifted = commanded.bottoms_bed[:, 2] - way.bottoms_bed[rows, 2]
         drawn = drawn[rows] + lifted[:, None]
         if not stopped:
-            after = np.arange(len(told)) >= len(first)
-            steps, stopped = self._mill(told.part(after), drawn[after])
+            after = np.arange(len(commanded)) >= len(first)
+            steps, stopped = self._mill(commanded.part(after), drawn[after])
             done += steps
         self._progress(1.0)
-        lowest = float(told.bottoms_bed[:done, 2].min())
+        lowest = float(commanded.bottoms_bed[:done, 2].min())
         left = drawn[:done].min(axis=0)
-        return Course(
+        return MillingOutcome(
             pause=pause,
             ceiling_mm=ceiling,
             steps=done,
             stopped=stopped,
             asked=asked,
-            heard=heard,
+            measured=measured,
             raised_mm=max(lowest - float(way.bottoms_bed[:, 2].min()), 0.0),
             residual_mm=float(np.median(left)),
             probability=chance_above(left, task.limit_mm).probability,
@@ -161,19 +159,19 @@ class _Rehearsal:
         )
 
     def _pause(self, drawn: Floats) -> int:
-        """Return the last layer of the first burr that leaves enough bone to be heard; -1: none."""
+        """Return the last layer of the first burr that leaves bone to be resolved; -1: none."""
         task, way = self._task, self._task.way
-        loud = _surely(drawn, LOUD_SIGMAS) >= task.resolved_mm + LOUD_MM
+        resolved = _surely(drawn, RESOLVED_SIGMAS) >= task.resolved_mm + RESOLVED_MARGIN_MM
         pause = -1
         for layer in np.unique(way.layers):
             own = way.layers == layer
-            if way.radii_mm[own][0] != way.radii_mm[0] or not loud[own].all():
+            if way.radii_mm[own][0] != way.radii_mm[0] or not resolved[own].all():
                 break
             pause = int(layer)
         return pause
 
-    def _scan(self, listen: Listen, milled: BurrWay) -> tuple[int, HeardFloor | None]:
-        """Return how many places of the floor were scanned, and what was heard there."""
+    def _scan(self, measure: MeasureFloor, milled: BurrWay) -> tuple[int, MeasuredFloor | None]:
+        """Return how many places of the floor were scanned, and what was measured there."""
         task = self._task
         places = self._floor.flat_places(task.face_radius_mm + EDGE_MM, STEP_MM, ROUGH_MM)
         places = places[places[:, 2] < milled.bottoms_bed[:, 2].min() + ROUGH_MM]
@@ -183,38 +181,35 @@ class _Rehearsal:
         away = ((places[:, None, :2] - milled.bottoms_bed[None, :, :2]) ** 2).sum(axis=-1)
         near = milled.part(np.argmin(away, axis=1)).at(places)
         track = self._site.scan_floor(near)
-        thickness, sigma, ok, common = listen(track, places)
+        thickness, sigma, ok, common = measure(track, places)
         mapped, drawn = task.mapped(places)
         rows = np.arange(len(places))
-        heard = HeardFloor(rows, places, thickness, sigma, common, mapped, drawn).part(ok)
-        heard = heard.without_outliers() if ok.any() else heard
-        return len(places), heard if len(heard.residual_mm) else None
+        measured = MeasuredFloor(rows, places, thickness, sigma, common, mapped, drawn).part(ok)
+        measured = measured.without_outliers() if ok.any() else measured
+        return len(places), measured if len(measured.residual_mm) else None
 
     def _mill(self, way: BurrWay, drawn_mm: Floats) -> tuple[int, bool]:
         """Mill along a way; return how many steps were done, and whether it was stopped."""
         if not len(way):
             return 0, False
         self._site.follow(way)
-        steps_mm = np.linalg.norm(
-            np.diff(way.bottoms_bed, axis=0, prepend=way.bottoms_bed[:1]), axis=1
-        )
-        steps_mm = np.maximum(steps_mm, LEAST_STEP_MM)
-        armed = _surely(drawn_mm, ARM_SIGMAS) < ARM_MM
+        steps_mm = way.steps_mm()
+        armed = _surely(drawn_mm, ARM_SIGMAS) < 0.0
         whole, first_mm = len(self._task.way), float(self._task.way.radii_mm[0])
         for row in range(len(way)):
             feed = float(way.feeds_mm_per_s[row]) * self._feed.share
             radius = float(way.radii_mm[row])
             area = self._floor.cut(way.bottoms_bed[row], radius) / float(steps_mm[row])
             reading = self._site.advance(feed)
-            self._feed.feel(reading)
+            self._feed.update(reading)
             self._duration_s += float(steps_mm[row]) / feed
             self._most_n = max(self._most_n, reading.mean_n)
             through = False
             if radius == first_mm:  # the smaller burr along the rim takes too little to be felt
                 self._force.begin_layer(int(way.layers[row]))
-                through = self._force.feel(reading, way.bottoms_bed[row], area, feed)
+                through = self._force.update(reading, way.bottoms_bed[row], area, feed)
             self._done += 1
-            if through and self._guards.feel and armed[row]:
+            if through and self._guards.stop_on_force and armed[row]:
                 return row + 1, True
             if self._done % WATCH == 0:
                 self._progress(min(self._done / whole, 0.99))

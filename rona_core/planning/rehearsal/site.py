@@ -1,16 +1,20 @@
-"""Where a milling is rehearsed: what it is told, and all that it answers."""
+"""Where a milling is rehearsed: what is commanded, and all that is measured."""
 
 from dataclasses import dataclass, replace
 from typing import Protocol
+
+import numpy as np
 
 from rona_core.devices.samples import AScanTrack
 from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.geometry.pose import Pose
 
+LEAST_STEP_MM = 0.1  # a shorter one counts as this long
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BurrWay:
-    """Where the robot is told to bring the burr while it cuts: n places, in their order."""
+    """Commanded places of the burr while it cuts: n, in their order."""
 
     T_base_bed: Pose
     bottoms_bed: Floats  # (n, 3) lowest place of the ball
@@ -34,6 +38,11 @@ class BurrWay:
             self.feeds_mm_per_s[which],
             self.layers[which],
         )
+
+    def steps_mm(self) -> Floats:
+        """Return the lengths (n,) of the steps to each place, never quite zero."""
+        steps = np.diff(self.bottoms_bed, axis=0, prepend=self.bottoms_bed[:1])
+        return np.maximum(np.linalg.norm(steps, axis=1), LEAST_STEP_MM)
 
     def at(self, bottoms_bed: Floats) -> "BurrWay":
         """Return the way with other places (n, 3)."""

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 from rona_core.robot.redundancy.result import RollSearch, RollVerdict
 from rona_core.robot.trajectory.trajectory import Trajectory
-from rona_core.robot.verification.certificate import Certificate
+from rona_core.robot.verification.certificate import Certificate, is_certified
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,8 +24,4 @@ class RobotPlan:
     @property
     def may_move(self) -> bool:
         """Whether there is a trajectory and its certificate stands."""
-        return (
-            self.trajectory is not None
-            and self.certificate is not None
-            and self.certificate.certifies(self.trajectory)
-        )
+        return is_certified(self.trajectory, self.certificate)

@@ -42,3 +42,8 @@ class Certificate:
     def failures(self) -> tuple[Check, ...]:
         """Return what did not hold."""
         return tuple(check for check in self.checks if not check.holds)
+
+
+def is_certified(motion: TimedMotion | None, certificate: Certificate | None) -> bool:
+    """Return whether there is a motion, and a certificate of it in which everything held."""
+    return motion is not None and certificate is not None and certificate.certifies(motion)

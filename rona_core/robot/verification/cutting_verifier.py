@@ -22,13 +22,10 @@ from rona_core.robot.verification.motion_checks import (
     DenseMotion,
     Tolerances,
     check,
-    dense_motion,
-    joint_checks,
     per_sample,
     singular_checks,
-    tool_checks,
 )
-from rona_core.robot.verification.verifier import NEAR_MM, certificate_of
+from rona_core.robot.verification.verifier import NEAR_MM, certify
 
 SIDEWAYS_MM = 0.05  # a move in the air that goes farther than this must be over the bone
 SAME_MM = 1e-6  # of way
@@ -67,20 +64,21 @@ def verify_cutting(
         InvalidInputError: arrays of the wrong shape, or values that are not finite.
     """
     allowed = tolerances or CuttingTolerances()
-    checks = joint_checks(model, trajectory, allowed.motion)
-    if not checks[0].holds:  # time runs backwards: there are no speeds to speak of
-        return certificate_of(model, trajectory, checks, obstacles, None)
-    dense = dense_motion(model, trajectory)
-    checks += tool_checks(dense, allowed.motion)
-    claim = _Claim(trajectory, dense, path)
-    complete = _completeness_checks(claim, allowed)
-    checks += complete
-    if all(one.holds for one in complete):  # else nobody knows where the burr ought to be
-        checks += _place_checks(claim, allowed)
-        checks += _feed_checks(claim, allowed)
-        checks += _rest_checks(model, claim, allowed)
-        checks += _singular_checks(dense, claim, allowed)
-    return certificate_of(model, trajectory, checks, obstacles, dense)
+
+    def cutting_checks(dense: DenseMotion) -> list[Check]:
+        claim = _Claim(trajectory, dense, path)
+        complete = _completeness_checks(claim, allowed)
+        if not all(one.holds for one in complete):  # nobody knows where the burr ought to be
+            return complete
+        return [
+            *complete,
+            *_place_checks(claim, allowed),
+            *_feed_checks(claim, allowed),
+            *_rest_checks(model, claim, allowed),
+            *_singular_checks(dense, claim, allowed),
+        ]
+
+    return certify(model, trajectory, allowed.motion, obstacles, cutting_checks)
 
 
 class _Claim:

@@ -5,6 +5,7 @@ as the robot drives it. What it certifies may be executed, nothing else may. See
 docs/algorithms/robot/verification_and_timing.md.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,7 +34,7 @@ from rona_core.robot.verification.motion_checks import (
     tool_checks,
 )
 
-__all__ = ["Tolerances", "certificate_of", "verify_motion", "verify_scan"]
+__all__ = ["Tolerances", "certify", "verify_motion", "verify_scan"]
 
 NEAR_MM = 60.0  # within this of a path point, the tip must stay outside the bone
 
@@ -55,13 +56,7 @@ def verify_motion(
     Raises:
         InvalidInputError: arrays of the wrong shape, or values that are not finite.
     """
-    allowed = tolerances or Tolerances()
-    checks = joint_checks(model, motion, allowed)
-    if not checks[0].holds:
-        return certificate_of(model, motion, checks, obstacles, None)
-    dense = dense_motion(model, motion)
-    checks += tool_checks(dense, allowed)
-    return certificate_of(model, motion, checks, obstacles, dense)
+    return certify(model, motion, tolerances or Tolerances(), obstacles, lambda _: [])
 
 
 def verify_scan(
@@ -89,32 +84,40 @@ def verify_scan(
         InvalidInputError: arrays of the wrong shape, or values that are not finite.
     """
     allowed = tolerances or Tolerances()
-    checks = joint_checks(model, trajectory, allowed)
-    if not checks[0].holds:  # time runs backwards: there are no speeds to speak of
-        return certificate_of(model, trajectory, checks, obstacles, None)
-    dense = dense_motion(model, trajectory)
-    checks += tool_checks(dense, allowed)
-    scan = _scan_part(trajectory, dense)
-    checks += _path_checks(scan, path, roll_rad, allowed)
-    checks += _speed_checks(scan, trajectory, path, scan_speed_mm_per_s, allowed)
-    checks += singular_checks(dense.arm, scan.qs_rad, scan.first, allowed)
-    checks.append(_dip_check(trajectory, dense, path, allowed))
-    return certificate_of(model, trajectory, checks, obstacles, dense)
+
+    def scan_checks(dense: DenseMotion) -> list[Check]:
+        scan = _scan_part(trajectory, dense)
+        return [
+            *_path_checks(scan, path, roll_rad, allowed),
+            *_speed_checks(scan, trajectory, path, scan_speed_mm_per_s, allowed),
+            *singular_checks(dense.arm, scan.qs_rad, scan.first, allowed),
+            _dip_check(trajectory, dense, path, allowed),
+        ]
+
+    return certify(model, trajectory, allowed, obstacles, scan_checks)
 
 
-def certificate_of(
+def certify(
     model: RobotModel,
     motion: TimedMotion,
-    checks: list[Check],
+    allowed: Tolerances,
     obstacles: Obstacles | None,
-    dense: DenseMotion | None,
+    task_checks: Callable[[DenseMotion], list[Check]],
 ) -> Certificate:
-    """Return the certificate that some checks make, with those of collisions."""
+    """Return the certificate of a motion: joints, tool, what its task asks for, and collisions.
+
+    Where time runs backwards the joints alone are looked at: there are no speeds to speak of.
+    """
+    checks = joint_checks(model, motion, allowed)
     around = "" if obstacles is None else obstacles.digest()
     least_mm = None
-    if obstacles is not None and dense is not None:
-        found, least_mm = clearance(model, dense, obstacles)
-        checks = [*checks, *found]
+    if checks[0].holds:
+        dense = dense_motion(model, motion)
+        checks += tool_checks(dense, allowed)
+        checks += task_checks(dense)
+        if obstacles is not None:
+            found, least_mm = clearance(model, dense, obstacles)
+            checks += found
     return Certificate(
         model=model.name,
         certified=all(check.holds for check in checks),

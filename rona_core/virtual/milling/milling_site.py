@@ -20,7 +20,6 @@ from rona_core.virtual.scene import VirtualScene
 from rona_core.virtual.true_tool_poses import error_keys
 
 AROUND_MM = 1.0  # of the grid round the way
-LEAST_STEP_MM = 0.1
 PRESSED_MM = 0.15  # rms of how far the line is pressed in, off what is asked for
 PERIOD_S = 0.02
 FIRST_ORDINAL = 100_000  # no capture of a session has such an ordinal
@@ -52,8 +51,7 @@ class VirtualMillingSite:
         self._way, self._next = way, 0
         self._centers = true_centers_bed(self._scene, self._model, way, self._ordinal, self._fitted)
         self._fitted += 1
-        steps = np.diff(way.bottoms_bed, axis=0, prepend=way.bottoms_bed[:1])
-        self._steps_mm = np.maximum(np.linalg.norm(steps, axis=1), LEAST_STEP_MM)
+        self._steps_mm = way.steps_mm()
         if self._left is None:
             self._T_skull_bed = self._scene.T_base_skull.inv() @ way.T_base_bed
             reach = np.abs(way.bottoms_bed[:, :2]).max() + way.radii_mm.max()
@@ -112,8 +110,8 @@ class VirtualMillingSite:
         """Return where the face is before it is pressed on, in ``skull``."""
         scene = self._scene
         # the holder stands where the burr would; upright, with the probe as it is clamped
-        told = way.T_base_bed.rotation @ np.diag((1.0, -1.0, -1.0))
-        tips = Poses(np.tile(told, (len(way), 1, 1)), way.T_base_bed @ way.bottoms_bed)
+        upright = way.T_base_bed.rotation @ np.diag((1.0, -1.0, -1.0))
+        tips = Poses(np.tile(upright, (len(way), 1, 1)), way.T_base_bed @ way.bottoms_bed)
         keys = error_keys(way.times_s)
         true = scene.Ts_base_tip_true(tips, way.qs_rad, self._ordinal, keys)
         return scene.T_base_skull.inv() @ true @ scene.world.clamping

@@ -21,8 +21,8 @@ def true_tips(scene: VirtualScene, model: RobotModel, way: BurrWay, ordinal: int
     postures = (model.forward(way.qs_rad) @ model.T_flange_tip).rotations
     axes = way.T_base_bed.inv().rotate(postures[:, :, 2])
     tips_bed = way.bottoms_bed + way.radii_mm[:, None] * (axes + (0.0, 0.0, 1.0))
-    told = Poses(postures, way.T_base_bed @ tips_bed)
-    true = scene.Ts_base_tip_true(told, way.qs_rad, ordinal, error_keys(way.times_s))
+    commanded = Poses(postures, way.T_base_bed @ tips_bed)
+    true = scene.Ts_base_tip_true(commanded, way.qs_rad, ordinal, error_keys(way.times_s))
     shifts = scene.head_shift_base(ordinal, way.times_s)
     return Poses(true.rotations, true.translations - shifts)
 

@@ -30,10 +30,10 @@ class MillingFolder:
         self._window = gui.add_folder("Milling by the robot", visible=False)
         with self._window:
             gui.add_html(style.text(EXPLANATION))
-            self._verdict = gui.add_html("")
+            self._planned = gui.add_html("")
             self._button = context.send_button(gui, "Plan milling", "route", PlanMilling)
             gui.add_html(style.text(REHEARSAL))
-            self._course = gui.add_html("")
+            self._rehearsed = gui.add_html("")
             self._rehearse = context.send_button(
                 gui, "Rehearse milling", "player-play", RehearseMilling
             )
@@ -45,27 +45,29 @@ class MillingFolder:
             return
         for button, message in ((self._button, PlanMilling), (self._rehearse, RehearseMilling)):
             button.disabled = bool(new.busy) or blocked_reason(message, new.session) is not None
-        self._verdict.content = _plan_note(new.session)
-        self._course.content = _rehearsal_note(new.session)
+        self._planned.content = _plan_note(new.session)
+        self._rehearsed.content = _rehearsal_note(new.session)
 
 
 def _plan_note(session: Session) -> str:
     held = session.results.get("milling")
     if held is None:
         return ""
-    reason = milling_stale(session)
-    if reason is not None:
-        return style.note(f"Out of date: {reason}. Plan again.", "warn")
     plan: MillingPlan = held.value
-    return style.note(milling_verdict(plan), "good" if plan.may_move else "warn")
+    return _note(milling_stale(session), "Plan", milling_verdict(plan), plan.may_move)
 
 
 def _rehearsal_note(session: Session) -> str:
     held = session.results.get("rehearsal")
     if held is None:
         return ""
-    reason = rehearsal_stale(session)
-    if reason is not None:
-        return style.note(f"Out of date: {reason}. Rehearse again.", "warn")
     found: Rehearsal = held.value
-    return style.note(rehearsal_verdict(found), "good" if rehearsal_ok(found) else "warn")
+    return _note(
+        rehearsal_stale(session), "Rehearse", rehearsal_verdict(found), rehearsal_ok(found)
+    )
+
+
+def _note(stale: str | None, remedy: str, verdict: str, good: bool) -> str:
+    if stale is not None:
+        return style.note(f"Out of date: {stale}. {remedy} again.", "warn")
+    return style.note(verdict, "good" if good else "warn")

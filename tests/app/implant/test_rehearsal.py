@@ -13,7 +13,7 @@ from rona_core.app.steps.implant.rehearsal import (
     rehearsal_stale,
     rehearsal_verdict,
 )
-from rona_core.app.steps.implant.rehearsal_task import STEP_MM, FloorListener, milling_task
+from rona_core.app.steps.implant.rehearsal_task import STEP_MM, FloorDetector, milling_task
 from rona_core.app.steps.implant.view import milling_view
 from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.compose import milling_site, new_workbench, virtual_services
@@ -125,7 +125,7 @@ def test_without_a_virtual_patient_there_is_no_bone_to_rehearse_on(milled, tmp_p
 def test_the_burr_goes_the_same_way_once_more_for_the_figures(rehearsed):
     found, site = rehearsal_of(rehearsed), milling_site(rehearsed, 1)
     task = milling_task(rehearsed)
-    rehearse(task, site, FloorListener(rehearsed, task.way.T_base_bed))
+    rehearse(task, site, FloorDetector(rehearsed, task.way.T_base_bed))
     again = milled_again(rehearsed, found, site._scene)
     np.testing.assert_array_equal(again.least_mm, site.least_mm)
     np.testing.assert_array_equal(again.left_bone().top_mm, site.left_bone().top_mm)

@@ -6,7 +6,7 @@ from rona_core.app.steps.roll.plan_reasons import none_works, refused_plan
 from rona_core.geometry.arrays import Floats
 from rona_core.robot.redundancy.result import RollVerdict
 from rona_core.robot.trajectory.trajectory import Trajectory
-from rona_core.robot.verification.certificate import Certificate
+from rona_core.robot.verification.certificate import Certificate, is_certified
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,11 +29,7 @@ class MillingPlan:
     @property
     def may_move(self) -> bool:
         """Whether there is a motion and its certificate stands."""
-        return (
-            self.trajectory is not None
-            and self.certificate is not None
-            and self.certificate.certifies(self.trajectory)
-        )
+        return is_certified(self.trajectory, self.certificate)
 
 
 def why_no_milling(plan: MillingPlan) -> str | None:

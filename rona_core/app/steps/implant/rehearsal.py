@@ -6,7 +6,7 @@ import numpy as np
 
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.implant.messages import RehearseMilling
-from rona_core.app.steps.implant.rehearsal_task import FloorListener, milling_task
+from rona_core.app.steps.implant.rehearsal_task import FloorDetector, milling_task
 from rona_core.app.steps.implant.view import percent
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.geometry.arrays import Floats, Ints, readonly
@@ -18,19 +18,19 @@ from rona_core.session.memo import remember
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rehearsal:
-    """What a rehearsal felt and heard, and what it did then; nothing of it is the truth."""
+    """Outcome of a rehearsal, from force and A-scans; nothing of it is the truth."""
 
     number: int
     limit_mm: float  # of bone, that was asked for
     required: float  # probability of that
     pause: int  # last layer before the floor was scanned again; -1: it was not
     ceiling_mm: float | None  # height in ``bed`` that was not to be passed after that
-    steps: int  # done of the way that was told
+    steps: int  # done of the corrected way
     stopped: bool  # by the force
     asked: int  # places of the floor that were scanned
     scans: Ints  # (m,) those of them that counted
     places_bed: Floats  # (m, 3)
-    heard_mm: Floats  # (m,) bone below them, by the probe
+    measured_mm: Floats  # (m,) bone below them, by the probe
     mapped_mm: Floats  # (m,) and by the maps
     raised_mm: float  # by which the floor is higher than planned
     residual_mm: float  # least bone that is thought to be left
@@ -55,27 +55,27 @@ def derive_rehearsal(
         CancelledError: somebody cancelled.
     """
     task = milling_task(session)
-    listener = FloorListener(session, task.way.T_base_bed)
-    course = rehearse(task, site, listener, progress=progress, cancel=cancel)
-    heard = course.heard
+    detector = FloorDetector(session, task.way.T_base_bed)
+    outcome = rehearse(task, site, detector, progress=progress, cancel=cancel)
+    measured = outcome.measured
     return Rehearsal(
         number=message.number,
         limit_mm=task.limit_mm,
         required=task.probability,
-        pause=course.pause,
-        ceiling_mm=None if np.isneginf(course.ceiling_mm) else course.ceiling_mm,
-        steps=course.steps,
-        stopped=course.stopped,
-        asked=course.asked,
-        scans=readonly(np.zeros(0, dtype=np.int64) if heard is None else heard.scans),
-        places_bed=readonly(np.zeros((0, 3)) if heard is None else heard.places_bed),
-        heard_mm=readonly(np.zeros(0) if heard is None else heard.residual_mm),
-        mapped_mm=readonly(np.zeros(0) if heard is None else heard.mapped_mm),
-        raised_mm=course.raised_mm,
-        residual_mm=course.residual_mm,
-        probability=course.probability,
-        duration_s=course.duration_s,
-        most_n=course.most_n,
+        pause=outcome.pause,
+        ceiling_mm=None if np.isneginf(outcome.ceiling_mm) else outcome.ceiling_mm,
+        steps=outcome.steps,
+        stopped=outcome.stopped,
+        asked=outcome.asked,
+        scans=readonly(np.zeros(0, dtype=np.int64) if measured is None else measured.scans),
+        places_bed=readonly(np.zeros((0, 3)) if measured is None else measured.places_bed),
+        measured_mm=readonly(np.zeros(0) if measured is None else measured.residual_mm),
+        mapped_mm=readonly(np.zeros(0) if measured is None else measured.mapped_mm),
+        raised_mm=outcome.raised_mm,
+        residual_mm=outcome.residual_mm,
+        probability=outcome.probability,
+        duration_s=outcome.duration_s,
+        most_n=outcome.most_n,
     )
 
 
@@ -92,8 +92,8 @@ def rehearsal_verdict(found: Rehearsal) -> str:
             "Rehearsed: the force fell as on the dura, and the milling was stopped with "
             f"{found.residual_mm:.2f} mm of bone thought to be left."
         )
-    heard = (
-        f"the floor, scanned again at {found.asked} places, was heard at {len(found.scans)}"
+    floor = (
+        f"the floor, scanned again at {found.asked} places, was measured at {len(found.scans)}"
         if found.asked
         else "the floor could not be scanned again"
     )
@@ -103,7 +103,7 @@ def rehearsal_verdict(found: Rehearsal) -> str:
         else "the bed was milled as deep as planned"
     )
     return (
-        f"Rehearsed: {heard}; {depth}, and {found.limit_mm:g} mm of bone stay with "
+        f"Rehearsed: {floor}; {depth}, and {found.limit_mm:g} mm of bone stay with "
         f"{percent(found.probability)}."
     )
 

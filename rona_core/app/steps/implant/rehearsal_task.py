@@ -25,7 +25,7 @@ from rona_core.ultrasound.probe.probe_model import ProbeSurvey
 STEP_MM = 0.25  # between places of the way at which force is felt
 FINE_MM = 0.1  # between those they are taken from: the tip may go further than the ball
 MIXED_SHARE = 0.02  # sigma of the speed in what is left, over that of the whole bone
-NOMINAL_SHARE = 0.04  # where no caliper told the speed
+NOMINAL_SHARE = 0.04  # where no caliper gave the speed
 
 
 def milling_task(session: Session) -> MillingTask:
@@ -102,11 +102,11 @@ def burr_way(view: MillingView, ways_mm: Floats, qs_rad: Floats, times_s: Floats
     )
 
 
-class FloorListener:
-    """Hears the inner boundary below a floor with all that the session knows of the probe."""
+class FloorDetector:
+    """Detector of the inner boundary below a floor, with the probe as the session knows it."""
 
     def __init__(self, session: Session, T_base_bed: Pose) -> None:
-        """Listen below a bed."""
+        """Measure below a bed."""
         self._session, self._T_base_bed = session, T_base_bed
 
     def __call__(

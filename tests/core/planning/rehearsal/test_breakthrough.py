@@ -21,7 +21,7 @@ def mill(forces, areas, feed=4.0, sigma=0.12):
         for row, place in enumerate(places):
             force = 3.0 * areas[row] if layer == 0 else forces[row]
             reading = ForceReading(force, 0.1 + sigma * force)
-            if watch.feel(reading, place, float(areas[row]), feed):
+            if watch.update(reading, place, float(areas[row]), feed):
                 return layer, row
     return None
 

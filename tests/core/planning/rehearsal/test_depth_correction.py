@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rona_core.geometry.pose import Pose
-from rona_core.planning.rehearsal.depth_correction import ceiling_mm, told_way
+from rona_core.planning.rehearsal.depth_correction import ceiling_mm, corrected_way
 from rona_core.planning.rehearsal.site import BurrWay
 
 
@@ -41,20 +41,20 @@ def test_at_the_ceiling_the_limit_holds_as_surely_as_was_asked(mean):
 
 def test_as_planned_all_of_the_way_is_told():
     planned = way((-1.0, -2.0, -3.0, -2.5), (2.5, 2.5, 2.5, 1.0))
-    told, rows = told_way(planned, 0, -np.inf)
+    commanded, rows = corrected_way(planned, 0, -np.inf)
     assert rows.tolist() == list(range(12))
-    np.testing.assert_array_equal(told.bottoms_bed, planned.bottoms_bed)
+    np.testing.assert_array_equal(commanded.bottoms_bed, planned.bottoms_bed)
 
 
 def test_a_layer_is_raised_and_those_that_would_cut_nothing_are_left_out():
     planned = way((-1.0, -2.0, -3.0, -2.0, -3.0), (2.5, 2.5, 2.5, 1.0, 1.0))
-    told, rows = told_way(planned, 0, -1.6)
-    assert np.unique(told.layers).tolist() == [0, 1, 3]  # the rim is cut once, too
-    assert told.bottoms_bed[:, 2].tolist() == [-1.0] * 3 + [-1.6] * 6
+    commanded, rows = corrected_way(planned, 0, -1.6)
+    assert np.unique(commanded.layers).tolist() == [0, 1, 3]  # the rim is cut once, too
+    assert commanded.bottoms_bed[:, 2].tolist() == [-1.0] * 3 + [-1.6] * 6
     assert rows.tolist() == [0, 1, 2, 3, 4, 5, 9, 10, 11]
 
 
 def test_what_is_milled_already_is_not_milled_again():
-    told, _ = told_way(way((-1.0, -2.0, -3.0), (2.5, 2.5, 2.5)), 1, -1.2)
-    assert np.unique(told.layers).tolist() == [0, 1]
-    assert told.bottoms_bed[:, 2].min() == -2.0
+    commanded, _ = corrected_way(way((-1.0, -2.0, -3.0), (2.5, 2.5, 2.5)), 1, -1.2)
+    assert np.unique(commanded.layers).tolist() == [0, 1]
+    assert commanded.bottoms_bed[:, 2].min() == -2.0

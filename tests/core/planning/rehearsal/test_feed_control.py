@@ -7,7 +7,7 @@ from rona_core.planning.rehearsal.site import ForceReading
 def settled(force_at_full_n):
     control = FeedControl()
     for _ in range(200):
-        control.feel(ForceReading(force_at_full_n * control.share, 0.1))
+        control.update(ForceReading(force_at_full_n * control.share, 0.1))
     return control.share
 
 

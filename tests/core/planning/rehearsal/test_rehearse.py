@@ -1,4 +1,4 @@
-"""A whole rehearsal at a site whose bone is a plate: heard, put right, stopped, cancelled."""
+"""A whole rehearsal at a site whose bone is a plate: measured, put right, stopped, cancelled."""
 
 import numpy as np
 import pytest
@@ -58,10 +58,10 @@ class Plate:
         n = self.scanned
         return AScanTrack(np.arange(n) * 0.02, np.zeros((n, 4)), np.zeros(n, np.bool_), 50.0, 0.0)
 
-    def listen(self, track, places_bed):
-        heard = places_bed[:, 2] - self.inner_mm
-        n = len(heard)
-        return heard, np.full(n, 0.05), np.ones(n, dtype=np.bool_), 0.01
+    def measure(self, track, places_bed):
+        measured = places_bed[:, 2] - self.inner_mm
+        n = len(measured)
+        return measured, np.full(n, 0.05), np.ones(n, dtype=np.bool_), 0.01
 
 
 def task(way=None, mapped_mm=MAPPED_MM):
@@ -82,38 +82,38 @@ def task(way=None, mapped_mm=MAPPED_MM):
 
 def test_a_thinner_bone_is_heard_and_the_last_layers_end_higher():
     site = Plate(MAPPED_MM + 0.9)
-    course = rehearse(task(), site, site.listen)
-    assert course.heard is not None
-    assert course.asked == site.scanned >= 4
+    outcome = rehearse(task(), site, site.measure)
+    assert outcome.measured is not None
+    assert outcome.asked == site.scanned >= 4
     left = site.lowest_mm - site.inner_mm
     assert LIMIT_MM <= left < LIMIT_MM + 0.6
-    assert course.raised_mm == pytest.approx(site.lowest_mm - DEPTHS[-1])
-    assert course.residual_mm == pytest.approx(left, abs=0.2)
-    assert not course.stopped
+    assert outcome.raised_mm == pytest.approx(site.lowest_mm - DEPTHS[-1])
+    assert outcome.residual_mm == pytest.approx(left, abs=0.2)
+    assert not outcome.stopped
 
 
 def test_bone_as_thick_as_mapped_is_milled_as_planned():
     site = Plate(MAPPED_MM)
-    course = rehearse(task(), site, site.listen)
+    outcome = rehearse(task(), site, site.measure)
     assert site.lowest_mm == DEPTHS[-1]
-    assert (course.raised_mm, course.stopped, course.steps) == (0.0, False, len(bed_way()))
-    assert course.probability > 0.99
+    assert (outcome.raised_mm, outcome.stopped, outcome.steps) == (0.0, False, len(bed_way()))
+    assert outcome.probability > 0.99
 
 
 def test_the_floor_is_scanned_while_there_is_bone_enough_to_be_heard():
     site = Plate(MAPPED_MM)
-    course = rehearse(task(), site, site.listen)
+    outcome = rehearse(task(), site, site.measure)
     heights = np.unique(site.places[:, 2].round(1))
     assert (heights - MAPPED_MM).min() >= 2.3
-    assert course.pause < len(DEPTHS) - 1
+    assert outcome.pause < len(DEPTHS) - 1
 
 
 def test_without_the_scan_the_force_stops_the_burr_and_without_both_nothing_does():
     inner = -2.95  # found in the layer that ends at -3
     deep = task(bed_way((-0.5, -1.0, -1.5, -2.0, -2.5, -3.0, -3.5, -4.0, -4.5, -5.0)), -3.3)
     felt, blind = Plate(inner), Plate(inner)
-    stopped = rehearse(deep, felt, felt.listen, Guards(scan_again=False))
-    assert rehearse(deep, blind, blind.listen, Guards(False, False)).stopped is False
+    stopped = rehearse(deep, felt, felt.measure, Guards(rescan=False))
+    assert rehearse(deep, blind, blind.measure, Guards(False, False)).stopped is False
     assert blind.lowest_mm == -5.0
     assert stopped.stopped
     assert felt.lowest_mm > blind.lowest_mm
@@ -121,33 +121,33 @@ def test_without_the_scan_the_force_stops_the_burr_and_without_both_nothing_does
 
 def test_nothing_is_scanned_where_nobody_asks():
     site = Plate(MAPPED_MM)
-    course = rehearse(task(), site, site.listen, Guards(scan_again=False))
-    assert (course.asked, course.heard, course.pause, site.scanned) == (0, None, -1, 0)
+    outcome = rehearse(task(), site, site.measure, Guards(rescan=False))
+    assert (outcome.asked, outcome.measured, outcome.pause, site.scanned) == (0, None, -1, 0)
 
 
 def test_a_floor_in_which_nothing_is_heard_leaves_the_maps_to_decide():
     site = Plate(MAPPED_MM + 0.9)
 
     def deaf(track, places_bed):
-        heard, sigma, ok, common = site.listen(track, places_bed)
-        return heard, sigma, ~ok, common
+        measured, sigma, ok, common = site.measure(track, places_bed)
+        return measured, sigma, ~ok, common
 
-    course = rehearse(task(), site, deaf)
-    assert course.asked > 0
-    assert course.heard is None
-    assert course.raised_mm >= 0.0
+    outcome = rehearse(task(), site, deaf)
+    assert outcome.asked > 0
+    assert outcome.measured is None
+    assert outcome.raised_mm >= 0.0
 
 
 def test_it_can_be_cancelled_and_tells_how_far_it_is():
-    site, told = Plate(MAPPED_MM), []
+    site, shares = Plate(MAPPED_MM), []
     with pytest.raises(CancelledError):
-        rehearse(task(), site, site.listen, cancel=lambda: True)
-    rehearse(task(), site, site.listen, progress=told.append)
-    assert told == sorted(told)
-    assert told[-1] == 1.0
+        rehearse(task(), site, site.measure, cancel=lambda: True)
+    rehearse(task(), site, site.measure, progress=shares.append)
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
 
 
 def test_a_force_that_falls_where_the_maps_know_of_bone_stops_nothing():
     deep = task(bed_way((-0.5, -1.0, -1.5, -2.0, -2.5, -3.0, -3.5)))
     site = Plate(-2.95)  # a hollow, say: the maps have 2 mm of bone below it
-    assert not rehearse(deep, site, site.listen, Guards(scan_again=False)).stopped
+    assert not rehearse(deep, site, site.measure, Guards(rescan=False)).stopped

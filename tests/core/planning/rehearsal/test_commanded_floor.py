@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from rona_core.planning.rehearsal.told_floor import ToldFloor
+from rona_core.planning.rehearsal.commanded_floor import CommandedFloor
 
 
 def test_a_ball_takes_its_cap_and_nothing_twice():
-    floor = ToldFloor(6.0)
+    floor = CommandedFloor(6.0)
     place = np.array((0.1, -0.2, -1.0))
     cap = np.pi * 1.0**2 * (3.0 * 2.5 - 1.0) / 3.0
     assert floor.cut(place, 2.5) == pytest.approx(cap, rel=0.03)
@@ -16,7 +16,7 @@ def test_a_ball_takes_its_cap_and_nothing_twice():
 
 
 def test_a_face_stands_where_the_floor_is_flat_round_it():
-    floor = ToldFloor(9.0)
+    floor = CommandedFloor(9.0)
     x, y = floor.cells().T
     bed = (np.hypot(x, y) <= 7.0).reshape(floor.top_mm.shape)
     floor.top_mm[bed] = -2.0
@@ -28,7 +28,7 @@ def test_a_face_stands_where_the_floor_is_flat_round_it():
 
 
 def test_a_bed_that_is_narrower_than_the_face_has_no_place_for_it():
-    floor = ToldFloor(9.0)
+    floor = CommandedFloor(9.0)
     x, y = floor.cells().T
     floor.top_mm[(np.hypot(x, y) <= 3.0).reshape(floor.top_mm.shape)] = -2.0
     places = floor.flat_places(3.5, 1.5, 0.1)

@@ -1,4 +1,4 @@
-"""The floor as it should be: what a burr takes away if it goes where it is told."""
+"""Commanded floor: what a burr leaves if it goes exactly where it is sent."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ CELL_MM = 0.25
 AROUND_MM = 0.5
 
 
-class ToldFloor:
+class CommandedFloor:
     """Heights over a grid in ``bed``.
 
     Attributes:
