@@ -37,6 +37,7 @@ from rona_core.errors import DeviceError
 TESTED = ("1.1.1",)  # versions of viser that the contract test was run with
 SECRET_HEADER = "X-Rona-Gateway"
 MAX_MESSAGE_BYTES = 64 * 1024**2
+FIRST_MESSAGE_S = 4.0  # from the connection to what the page sends by itself: its camera
 _construction = threading.Lock()  # while viser starts, its call to websockets is intercepted
 
 
@@ -118,12 +119,17 @@ async def _redirect(to: str, request: Request) -> Response:
 
 
 async def _pump_up(browser: WebSocket, upstream: Any) -> None:
-    while True:
-        message = await browser.receive()
-        if message["type"] == "websocket.disconnect":
-            return
+    """Hand on what the page sends; end where it says nothing at first.
+
+    Where its frame gets the focus while it connects, viser 1.1 connects twice and sends its camera
+    to the connection that it has given up. Nothing is drawn on the other one before a camera
+    comes, so that has to end: the page then connects once more.
+    """
+    message = await asyncio.wait_for(browser.receive(), FIRST_MESSAGE_S)
+    while message["type"] != "websocket.disconnect":
         data = message.get("bytes")
         await upstream.send(data if data is not None else message["text"])
+        message = await browser.receive()
 
 
 async def _pump_down(upstream: Any, browser: WebSocket) -> None:

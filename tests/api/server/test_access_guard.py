@@ -202,6 +202,25 @@ def test_messages_go_both_ways_and_who_leaves_is_forgotten(web, known):
     assert viewer.get_clients() == {}
 
 
+def test_a_page_that_sends_no_camera_is_to_connect_again(web, known, monkeypatch):
+    monkeypatch.setattr(gateway_module, "FIRST_MESSAGE_S", 0.2)
+
+    async def go():
+        async with websockets.asyncio.client.connect(
+            f"ws://127.0.0.1:{web.port}/viewer",
+            subprotocols=[PROTOCOL],
+            additional_headers=known,
+            proxy=None,
+            max_size=None,
+        ) as socket:
+            async with asyncio.timeout(20):
+                async for _ in socket:
+                    pass
+            return socket.close_code
+
+    assert asyncio.run(go()) == 1001
+
+
 # -- the seam: what the gateway knows of viser -----------------------------------------------------
 
 

@@ -163,6 +163,9 @@ def test_ten_steps_by_mouse_then_saved_and_opened_again(surgeon: Surgeon) -> Non
     surgeon.wait_idle()
     mapped = bed["placed"] is not None and bed["placed"]["residual_mm"] is not None
     wait_for(lambda: ("/implant/body" in surgeon.nodes()) == mapped, "the implant in the scene")
+    if mapped:  # figures come later than what they judge
+        true_bone = "Bone below the bed, true"
+        wait_for(lambda: any(true_bone in row for row in quality(surgeon)), "figures of the bed")
     surgeon.picture("implant")
 
     # saved, gone, and opened again: the same states, figures and scene
