@@ -96,24 +96,21 @@ class Bindings:
         if event.client is not None:
             self._put(work, event.client)
 
-    def stop(self, event: Event) -> None:
-        """Stop the robot now, ahead of everything that waits in the queue."""
-        self._at_once(lambda: self._hub.get().stop(), event)
-
     def escape(self, leave: Callable[[], None], event: Event) -> None:
-        """Stop the robot now if it moves; call ``leave()`` if it does not."""
-        self._at_once(lambda: self._hub.get().stop_if_moving() or leave(), event)
+        """Stop the robot if it moves, ahead of all that waits in the queue; else ``leave()``."""
+
+        def stop_or_leave() -> None:
+            if not self._hub.get().stop_if_moving():
+                leave()
+
+        if event.client is not None:
+            arguments = stop_or_leave, event.client
+            threading.Thread(target=self._run_guarded, args=arguments, daemon=True).start()
 
     def refuse(self, error: Exception, event: Event) -> None:
         """Tell why something was not done that never came as far as the queue."""
         if event.client is not None:
             self._on_refusal(event.client, *report_error(event.client, error))
-
-    def _at_once(self, work: Callable[[], Any], event: Event) -> None:
-        if event.client is not None:
-            threading.Thread(
-                target=self._run_guarded, args=(work, event.client), daemon=True
-            ).start()
 
     # -------------------------------------------------------------- the queue
 

@@ -85,7 +85,7 @@ def test_what_we_wrote_ourselves_sends_nothing(bindings: Bindings, bench: FakeBe
     bindings.send(lambda: SetSeed(1), event(None))
     bindings.send_debounced("seed", lambda: SetSeed(2), event(None))
     bindings.call(lambda: bench.got.append("call"), event(None))
-    bindings.stop(event(None))
+    bindings.escape(lambda: bench.got.append("escape"), event(None))
     drain(bindings, FakeClient())
     assert bench.got == []
     assert not bench.stopped.is_set()
@@ -188,7 +188,8 @@ def test_stop_overtakes_what_waits_in_the_queue(bindings: Bindings, bench: FakeB
     client = FakeClient()
     bench.hold.clear()
     bindings.send(lambda: RenameSession("slow"), event(client))
-    bindings.stop(event(client))
+    bench.moving = True
+    bindings.escape(lambda: None, event(client))
     assert bench.stopped.wait(2.0)
     assert bench.got == []
     bench.hold.set()
