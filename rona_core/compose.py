@@ -294,6 +294,7 @@ def _figures(bench: Workbench, ending: Ending) -> dict[str, Any]:
     figures["second_pass_reason"] = ending.second_pass_reason
     figures["references_reason"] = ending.references_reason
     figures["bed_reason"] = ending.bed_reason
+    figures["milling_reason"] = ending.milling_reason
     if not ending.completed:
         figures |= {"failed_step": ending.failed_step, "reason": ending.reason}
     return figures

@@ -7,7 +7,7 @@ from rona_core.app.declarations.declarations import Message
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.acoustics.messages import StartCaliperMeasurements
-from rona_core.app.steps.implant.messages import StartBedSearch
+from rona_core.app.steps.implant.messages import PlanMilling, RehearseMilling, StartBedSearch
 from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
 from rona_core.app.steps.path.messages import StartPathCapture
 from rona_core.app.steps.pointer.messages import StartPointerCapture
@@ -42,10 +42,14 @@ PROCEDURE: Messages = (
 )
 WITHOUT_REFERENCES = tuple(step for step in PROCEDURE if step[0] != "references")
 # what may follow
-IMPLANT: Messages = (("implant", StartBedSearch()),)
+IMPLANT: Messages = (
+    ("implant", StartBedSearch()),
+    ("milling", PlanMilling()),
+    ("milling", RehearseMilling()),
+)
 # The procedure is complete without these: there may be no gap, or no way to it, and no place that
 # is thick and sure enough for a caliper, and an implant may be larger than what was scanned.
-SPARED = ("second", "references", "implant")
+SPARED = ("second", "references", "implant", "milling")
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +62,7 @@ class Ending:
     second_pass_reason: str | None = None  # why the gaps were not scanned again
     references_reason: str | None = None  # why nothing was measured with a caliper
     bed_reason: str | None = None  # why no implant bed was searched
+    milling_reason: str | None = None  # why its milling was not planned or rehearsed
 
 
 def unwatched(step: str, share: float) -> None:
@@ -105,6 +110,7 @@ def run_procedure(
         second_pass_reason=spared.get("second"),
         references_reason=spared.get("references"),
         bed_reason=spared.get("implant"),
+        milling_reason=spared.get("milling"),
     )
 
 

@@ -74,6 +74,7 @@ KEYS = (
     "second_pass_reason",
     "references_reason",
     "bed_reason",
+    "milling_reason",
     "scan_duration_s",
     "contact_force_rms_n",
     "contact_force_peak_n",

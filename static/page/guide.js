@@ -22,6 +22,8 @@ const CAPTIONS = {
   StartGapScan: "The robot scans the gaps again.",
   StartCaliperMeasurements: "A caliper at a few places tells how fast sound runs in this bone.",
   StartBedSearch: "Where does an implant leave enough bone below it, and how surely? Every place and turn is tried against the maps as they may be.",
+  PlanMilling: "The bed is milled in layers along concentric rings. The roll about the burr, the timing and the collisions are found as for the scan; without a certificate nothing moves.",
+  RehearseMilling: "The milling is rehearsed in the true virtual bone. The floor is scanned before the last layers, the depth is put right, and the force stops the burr should it break through.",
 };
 
 let tour = null; // the one that plays: session, paused, whether it has ended

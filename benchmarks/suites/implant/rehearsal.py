@@ -14,7 +14,8 @@ import numpy as np
 from benchmarks.metric import Metric, Progress
 from benchmarks.suites.implant.placement import interval
 from benchmarks.suites.implant.rehearsed_beds import Rehearsed, rehearsed
-from rona_core.app.procedure import IMPLANT, PROCEDURE
+from rona_core.app.procedure import PROCEDURE
+from rona_core.app.steps.implant.messages import StartBedSearch
 from rona_core.compose import run_demo
 from rona_core.geometry.arrays import Floats
 from rona_core.session.document import Session
@@ -23,7 +24,7 @@ from rona_core.session.files import load_session
 SEEDS = range(39_000, 39_024)
 FILES: tuple[Path, ...] = ()  # sessions with virtual devices and a bed that count as well
 DEEP_BEDS = 9  # of each patient
-MESSAGES = (*PROCEDURE, *IMPLANT)
+MESSAGES = (*PROCEDURE, ("implant", StartBedSearch()))
 PLAIN_MM = 0.3  # past the inner boundary: a breakthrough that has to be felt
 LATE_MM = 0.5  # past it: too late
 

@@ -65,6 +65,7 @@ FIGURES: dict[str, FigureKind] = {
     "second_pass_reason": FigureKind("No second pass, because", ""),
     "references_reason": FigureKind("No reference points, because", ""),
     "bed_reason": FigureKind("No implant bed, because", ""),
+    "milling_reason": FigureKind("Not milled, because", ""),
     "scan_duration_s": FigureKind("Scan duration", "roll", "s"),
     "contact_force_rms_n": FigureKind(
         "Force about its set point, RMS", "capture scan", "N", 2, 0.7

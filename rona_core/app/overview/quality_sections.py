@@ -9,9 +9,9 @@ MAPS = "outer inner thickness fused coverage detection unfl flagged scan_thick s
 SECTIONS = (  # title, what the keys begin with, steps that the figures come from
     ("Calibration", "tool_tip tracker_reg pointer_tip", ("tool", "pointer")),
     ("Surface and path", "surface skull_reg path normal", ("surface", "path", "smoothing")),
-    ("Robot and scan", "roll scan_p scan_d min_ contact head second", ("roll", "scan")),
+    ("Robot and scan", "roll scan_p scan_d min_ contact head second references", ("roll", "scan")),
     ("Maps", MAPS, ("maps",)),
-    ("Implant bed", "bed", ("implant",)),
+    ("Implant bed", "bed milling rehearsal", ("implant",)),
     ("Handheld scan", "sono", ()),
 )
 # true error -> what the program expects of it without the truth

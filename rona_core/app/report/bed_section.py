@@ -3,10 +3,19 @@
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.report.page import Html, badge, facts, joined, note, table, tag
 from rona_core.app.steps.implant.implant_bed import ImplantBed, PlacedBed
+from rona_core.app.steps.implant.milling_motion import milling_stale
+from rona_core.app.steps.implant.milling_plan import MillingPlan, milling_verdict
+from rona_core.app.steps.implant.rehearsal import (
+    Rehearsal,
+    rehearsal_ok,
+    rehearsal_stale,
+    rehearsal_verdict,
+)
 from rona_core.app.steps.implant.view import MillingView, milling_view, percent, verdict
 from rona_core.session.document import Session
 
 NO_ROBOT = "No robot has been asked whether it can mill it."
+NOT_REHEARSED = "The milling has not been rehearsed."
 _SCREWS = ("", "n", "n", "n")
 _LIFTS = ("n", "n", "v")
 
@@ -38,8 +47,32 @@ def bed_section(session: Session) -> Html:
     if bed.placed is not None and bed.placed.residual_mm is not None:
         parts.append(tag("h3", "Milling path"))
         parts.append(facts(_milling(milling_view(session))))
-        parts.append(tag("p", NO_ROBOT, css="soft"))
+        parts += [_by_robot(session), _rehearsed(session)]
     return joined(parts)
+
+
+def _by_robot(session: Session) -> Html:
+    held = session.results.get("milling")
+    if held is None:
+        return tag("p", NO_ROBOT, css="soft")
+    plan: MillingPlan = held.value
+    return _note(milling_stale(session), "motion", milling_verdict(plan), plan.may_move)
+
+
+def _rehearsed(session: Session) -> Html:
+    held = session.results.get("rehearsal")
+    if held is None:
+        return tag("p", NOT_REHEARSED, css="soft")
+    found: Rehearsal = held.value
+    return _note(
+        rehearsal_stale(session), "rehearsal", rehearsal_verdict(found), rehearsal_ok(found)
+    )
+
+
+def _note(stale: str | None, what: str, words: str, good: bool) -> Html:
+    if stale is not None:
+        return note(f"The {what} is stale, left out: {stale}.", "warn")
+    return note(words, "good" if good else "warn")
 
 
 def _figures(bed: ImplantBed, placed: PlacedBed) -> tuple[tuple[str, object], ...]:

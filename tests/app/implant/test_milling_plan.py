@@ -37,12 +37,12 @@ from rona_core.planning.milling.removal import RIDGE_MM
 from rona_core.planning.robot_milling.robot_path import milling_obstacles
 from rona_core.session.files import load_session, session_bytes, session_from_bytes
 from rona_ui.resources import demo_session
-from tests.helpers.ui.beds import laid_astray
+from tests.helpers.ui.beds import bed_only, laid_astray
 
 
 @pytest.fixture(scope="module")
 def demo():
-    return load_session(demo_session())
+    return bed_only(load_session(demo_session()))
 
 
 @pytest.fixture(scope="module")

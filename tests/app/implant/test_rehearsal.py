@@ -7,7 +7,7 @@ import pytest
 
 from rona_core.app.dependencies.requirements import blocked_reason
 from rona_core.app.runtime.workbench import Workbench
-from rona_core.app.steps.implant.messages import PlanMilling, RehearseMilling
+from rona_core.app.steps.implant.messages import RehearseMilling
 from rona_core.app.steps.implant.rehearsal import (
     rehearsal_ok,
     rehearsal_stale,
@@ -25,6 +25,7 @@ from rona_core.session.codec import digest
 from rona_core.session.files import load_session, session_bytes, session_from_bytes
 from rona_core.virtual.milling.true_burr import true_centers_bed
 from rona_ui.resources import demo_session
+from tests.helpers.ui.beds import bed_only
 
 
 def rehearsal_of(session):
@@ -33,10 +34,7 @@ def rehearsal_of(session):
 
 @pytest.fixture(scope="module")
 def milled():
-    bench = new_workbench(load_session(demo_session()))
-    bench.run(PlanMilling())
-    yield bench.session
-    bench.close()
+    return load_session(demo_session()).with_result("rehearsal", None)
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +46,7 @@ def rehearsed(milled):
 
 
 def test_before_a_plan_there_is_nothing_to_rehearse(milled):
-    demo = load_session(demo_session())
+    demo = bed_only(milled)
     assert blocked_reason(RehearseMilling, demo) is not None
     assert blocked_reason(RehearseMilling, milled) is None
     bench = new_workbench(demo)

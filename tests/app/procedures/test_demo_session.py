@@ -89,7 +89,7 @@ def test_a_replay_tells_how_far_it_is_and_heeds_cancel(session):
 def test_every_result_of_the_demo_session_recomputes(session):
     fresh = recompute(session).results
     names = [name for name in REGISTRY.replayed if fresh.get(name) is not None]
-    assert len(names) == 13
+    assert len(names) == 14
     for name in names:
         apart = compare(session.results.get(name).value, fresh.get(name).value)
         close = CLOSE_BEHIND_A_SEARCH.get(name, CLOSE)

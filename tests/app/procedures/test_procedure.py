@@ -86,6 +86,7 @@ def test_the_procedure_completes_within_the_goals(demo):
         "reason",
         "second_pass_reason",
         "references_reason",
+        "milling_reason",
         *of_bed,
         *of_rehearsal,
         *of_loaded,

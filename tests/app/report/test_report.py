@@ -16,6 +16,9 @@ from rona_core.app.report.bed_section import bed_section
 from rona_core.app.report.page import Html, table, tag
 from rona_core.app.report.report import session_report, workbench_report
 from rona_core.app.report.thickness_graphs import BARS, runs, thickness_histogram
+from rona_core.app.steps.implant.messages import PlaceBed
+from rona_core.app.steps.implant.milling_plan import milling_verdict
+from rona_core.app.steps.implant.rehearsal import rehearsal_verdict
 from rona_core.app.steps.implant.view import verdict
 from rona_core.app.steps.maps.accuracy.map_accuracy import map_accuracy
 from rona_core.app.steps.maps.view import layers_of
@@ -26,7 +29,7 @@ from rona_core.mapping.colors import viridis
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
 from rona_core.session.memo import forget_all
-from tests.helpers.ui.beds import laid_astray
+from tests.helpers.ui.beds import bed_only, laid_astray
 
 DEMO = Path(__file__).parents[3] / "sessions" / "demo.rona"
 EVIL = "<script>alert(1)</script>\"'&<img src=x onerror=y>"
@@ -256,3 +259,24 @@ def test_the_bed_says_what_the_panel_says_and_a_refused_one_is_no_praise(demo):
     assert f'<div class="note warn">{words}</div>' in bed_section(lost)
     assert "Milling path" not in bed_section(lost)
     assert "No implant bed placed yet (step 10)" in bed_section(Session())
+
+
+def test_of_the_milling_the_report_says_what_became_of_it(demo):
+    demo, _, _ = demo
+    plan, found = (demo.results.get(name).value for name in ("milling", "rehearsal"))
+    html = bed_section(demo)
+    assert f'<div class="note good">{milling_verdict(plan)}</div>' in html
+    assert f'<div class="note good">{rehearsal_verdict(found)}</div>' in html
+    untouched = bed_section(bed_only(demo))
+    assert "No robot has been asked whether it can mill it." in untouched
+    assert "The milling has not been rehearsed." in untouched
+    moved = bed_section(laid_astray(demo))
+    assert milling_verdict(plan) not in moved
+    assert rehearsal_verdict(found) not in moved
+    bench = new_workbench(demo)
+    at = demo.results.get("bed").value.placed.placement
+    bench.dispatch(PlaceBed(at.u_mm + 0.5, at.v_mm, float(np.rad2deg(at.angle_rad))))
+    html = bed_section(bench.session)
+    bench.close()
+    assert "The motion is stale, left out" in html
+    assert "The rehearsal is stale, left out" in html

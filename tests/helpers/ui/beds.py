@@ -9,6 +9,11 @@ from rona_core.planning.placement.seat import Placement
 from rona_core.session.document import Session
 
 
+def bed_only(session: Session) -> Session:
+    """Return a session with its bed, and no milling of it planned or rehearsed."""
+    return session.with_result("rehearsal", None).with_result("milling", None)
+
+
 def laid_astray(demo: Session) -> Session:
     """Return a session with its bed laid by hand, half outside of the maps."""
     held = demo.results.get("bed")

@@ -28,7 +28,7 @@ from rona_ui.presentation.view_state import ViewState
 from rona_ui.resources import demo_session
 from rona_ui.window.background_figures import milling_of
 from rona_ui.window.browser import Browser
-from tests.helpers.ui.beds import laid_astray
+from tests.helpers.ui.beds import bed_only, laid_astray
 from tests.helpers.ui.fake_gui import FakeGui
 from tests.ui.panels.test_panels import CLIENT, Recorder
 from tests.ui.panels.test_panels import snapshot as any_snapshot
@@ -38,7 +38,7 @@ STEP = ViewState(step="implant")
 
 @pytest.fixture(scope="module")
 def demo():
-    return load_session(demo_session())
+    return bed_only(load_session(demo_session()))
 
 
 @pytest.fixture(scope="module")
