@@ -7,6 +7,7 @@ was tuned on these seeds.
 """
 
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -18,15 +19,18 @@ from rona_core.app.procedure import PROCEDURE
 from rona_core.app.steps.implant.messages import StartBedSearch
 from rona_core.compose import run_demo
 from rona_core.geometry.arrays import Floats
+from rona_core.planning.rehearsal.breakthrough import PAST_MM
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
 
-SEEDS = range(39_000, 39_024)
+SEEDS = range(39_024, 39_048)
 FILES: tuple[Path, ...] = ()  # sessions with virtual devices and a bed that count as well
 DEEP_BEDS = 9  # of each patient
 MESSAGES = (*PROCEDURE, ("implant", StartBedSearch()))
 PLAIN_MM = 0.3  # past the inner boundary: a breakthrough that has to be felt
 LATE_MM = 0.5  # past it: too late
+SPARE_MM = 0.3  # of bone below a burr that was stopped: for nothing
+BINS = (0.05, 0.3, 0.5, 0.7, 0.95, 1.0)  # of the probability that the burr is through
 
 
 def run(progress: Progress) -> list[Metric]:
@@ -67,8 +71,9 @@ def figures(found: Sequence[Rehearsed]) -> Iterator[Metric]:
             through = [one.least_mm < 0.0 for one in _of(found, name, deep)]
             yield _share(f"{name}, {kind}: dura reached", through)
     yield from _felt(found)
+    yield from _reliability(_of(found, "no guard"))
     yield from _limits(found)
-    yield from _heard(safe)
+    yield from _measured(safe)
     yield from _seats([one for one in safe if not one.deep])
 
 
@@ -83,11 +88,24 @@ def _felt(found: Sequence[Rehearsed]) -> Iterator[Metric]:
     yield Metric("force alone: past the inner boundary when stopped", median, "mm", "lower")
     early = [one.stopped and one.least_mm >= 0.0 for one in alone if one.deep]
     yield _share("force alone, too deep: stopped before the boundary", early)
+    spare = [one.stopped and one.least_mm >= SPARE_MM for one in alone if one.deep]
+    yield _share(f"force alone, too deep: stopped {SPARE_MM} mm before it", spare)
     stopped = [one.stopped for one in _of(found, "all guards", False)]
     yield _share("all guards, as searched: false stops", stopped, 0.01)
     if stopped:
         most = interval(sum(stopped), len(stopped))[1]
         yield Metric("all guards, as searched: false stops, 95 % sure below", most, "1", "lower")
+
+
+def _reliability(unguarded: Sequence[Rehearsed]) -> Iterator[Metric]:
+    """Yield how often the burr is through at steps where it is said to be, with a probability."""
+    said = np.concatenate([one.through for one in unguarded] or [np.zeros(0)])
+    true = np.concatenate([one.left_mm < -PAST_MM for one in unguarded] or [np.zeros(0)])
+    for low, high in pairwise(BINS):
+        steps = (said >= low) & (said < high if high < 1.0 else said <= 1.0)
+        if steps.any():
+            words = f"{steps.sum()} steps said to be through with {said[steps].mean():.2f}"
+            yield Metric(words, float(true[steps].mean()), "1", "higher")
 
 
 def _limits(found: Sequence[Rehearsed]) -> Iterator[Metric]:
@@ -101,7 +119,7 @@ def _limits(found: Sequence[Rehearsed]) -> Iterator[Metric]:
         yield _share(f"{kind}: raised", [one.raised_mm > 0.0 for one in safe])
 
 
-def _heard(safe: Sequence[Rehearsed]) -> Iterator[Metric]:
+def _measured(safe: Sequence[Rehearsed]) -> Iterator[Metric]:
     """Yield how far residuals of the floor are off the true ones."""
     asked = [one for one in safe if one.asked]
     yield _share("beds whose floor was measured", [len(one.measured_off_mm) > 0 for one in safe])

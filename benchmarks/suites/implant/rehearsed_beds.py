@@ -57,6 +57,7 @@ class Rehearsed:
     measured_off_mm: Floats  # (m,) residual by the re-scan less that of the true bone
     mapped_off_mm: Floats  # (m,) and by the maps, at the same places
     most_n: float
+    through: Floats  # (n,) probability at every step that the burr was through
     seated: Seated | None  # the implant in the bone; None where the milling was stopped
 
     @property
@@ -120,6 +121,7 @@ def _rehearsed(number: int, session: Session, task: MillingTask, name: str, bed:
         measured_off_mm=off,
         mapped_off_mm=mapped_off,
         most_n=outcome.most_n,
+        through=outcome.through,
         seated=None if outcome.stopped else seated(milling_view(session).implant, site.left_bone()),
     )
 

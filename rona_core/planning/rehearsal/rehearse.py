@@ -27,7 +27,7 @@ EDGE_MM = 0.4  # from the face to the wall
 RESOLVED_MARGIN_MM = 0.3  # over the least bone that the probe resolves
 RESOLVED_SIGMAS = 2.0
 HEAD_MM = 0.1  # rms by which the head moves in its clamp in the meantime; assumed
-ARM_SIGMAS = 3.0  # of the maps, that the inner boundary may be nearer than thought
+MOST_THROUGH = 0.3  # probability of a breakthrough, above which the burr stops
 WATCH = 200  # steps between two looks at cancel
 
 # boundary heights in bed: places (n, 3) -> (n,)
@@ -43,7 +43,7 @@ class Guards:
     """What keeps the burr off the dura."""
 
     rescan: bool = True  # and put the depth right
-    stop_on_force: bool = True  # stop where the force falls
+    stop_on_force: bool = True  # stop where force and maps say that the burr is through
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,6 +74,7 @@ class MillingOutcome:
     probability: float  # that it is as much as was asked for
     duration_s: float  # of cutting
     most_n: float  # force
+    through: Floats  # (steps,) probability at each that the burr was through, see `Breakthrough`
 
 
 def rehearse(
@@ -114,23 +115,24 @@ class _Rehearsal:
         self._floor.top_mm = heights.reshape(self._floor.top_mm.shape).copy()
         self._feed, self._force = FeedControl(), Breakthrough(float(reach))
         self._duration_s, self._most_n, self._done = 0.0, 0.0, 0
+        self._through: list[float] = []
 
     def run(self, measure: MeasureFloor) -> MillingOutcome:
         """Mill the first layers, scan their floor, put the depth right and mill the rest."""
         task, way = self._task, self._task.way
         drawn = task.mapped(way.bottoms_bed)[1]
         pause = self._pause(drawn) if self._guards.rescan else -1
+        wander = HEAD_MM * np.random.default_rng(0).standard_normal(drawn.shape[1])
         before: Bools = way.layers <= pause
         first = way.part(before)
-        done, stopped = self._mill(first, drawn[before])
+        done, stopped = self._mill(first, drawn[before] + wander)
         measured, asked, ceiling = None, 0, -np.inf
         if not stopped:
             if len(first):
                 asked, measured = self._scan(measure, first)
             if measured is not None:
                 drawn = CorrectedBone(measured).draws(way.bottoms_bed, drawn)
-            wander = np.random.default_rng(0).standard_normal(drawn.shape[1])
-            drawn = drawn + HEAD_MM * wander
+            drawn = drawn + wander
             if self._guards.rescan:
                 bottoms, score = way.bottoms_bed[~before], float(ndtri(task.probability))
                 ceiling = ceiling_mm(bottoms, drawn[~before], task.limit_mm, score)
@@ -156,6 +158,7 @@ class _Rehearsal:
             probability=chance_above(left, task.limit_mm).probability,
             duration_s=self._duration_s,
             most_n=self._most_n,
+            through=np.array(self._through),
         )
 
     def _pause(self, drawn: Floats) -> int:
@@ -194,8 +197,7 @@ class _Rehearsal:
             return 0, False
         self._site.follow(way)
         steps_mm = way.steps_mm()
-        armed = _surely(drawn_mm, ARM_SIGMAS) < 0.0
-        whole, first_mm = len(self._task.way), float(self._task.way.radii_mm[0])
+        whole = len(self._task.way)
         for row in range(len(way)):
             feed = float(way.feeds_mm_per_s[row]) * self._feed.share
             radius = float(way.radii_mm[row])
@@ -204,12 +206,12 @@ class _Rehearsal:
             self._feed.update(reading)
             self._duration_s += float(steps_mm[row]) / feed
             self._most_n = max(self._most_n, reading.mean_n)
-            through = False
-            if radius == first_mm:  # the smaller burr along the rim takes too little to be felt
-                self._force.begin_layer(int(way.layers[row]))
-                through = self._force.update(reading, way.bottoms_bed[row], area, feed)
+            self._force.begin_layer(int(way.layers[row]))
+            work = (area, feed)
+            through = self._force.update(reading, way.bottoms_bed[row], work, drawn_mm[row])
+            self._through.append(through)
             self._done += 1
-            if through and self._guards.stop_on_force and armed[row]:
+            if self._guards.stop_on_force and through > MOST_THROUGH:
                 return row + 1, True
             if self._done % WATCH == 0:
                 self._progress(min(self._done / whole, 0.99))

@@ -89,8 +89,8 @@ def rehearsal_verdict(found: Rehearsal) -> str:
     """Return in one sentence how a rehearsal went."""
     if found.stopped:
         return (
-            "Rehearsed: the force fell as on the dura, and the milling was stopped with "
-            f"{found.residual_mm:.2f} mm of bone thought to be left."
+            "Rehearsed: by force and maps the burr may have been through, and the milling was "
+            f"stopped with {found.residual_mm:.2f} mm of bone thought to be left."
         )
     floor = (
         f"the floor, scanned again at {found.asked} places, was measured at {len(found.scans)}"

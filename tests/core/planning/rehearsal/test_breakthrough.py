@@ -1,11 +1,15 @@
-"""Breakthrough by force: felt where mean and sigma fall, not where the work itself is less."""
+"""Probability of a breakthrough: what the maps allow, weighed by the force."""
 
 import numpy as np
+import pytest
 
-from rona_core.planning.rehearsal.breakthrough import Breakthrough
+from rona_core.planning.rehearsal.breakthrough import CHIP_MM, Breakthrough
 from rona_core.planning.rehearsal.site import ForceReading
 
-STEP_MM = 0.25
+STEP_MM, FEED, N_PER_MM2 = 0.25, 4.0, 3.0
+RANDOM = np.random.default_rng(3)
+DRAWS_MM = RANDOM.normal(0.2, 0.4, 400)  # bone left below the second layer: open to the maps
+OPEN = float((DRAWS_MM < -0.05).mean())
 
 
 def ring(count):
@@ -13,40 +17,68 @@ def ring(count):
     return np.column_stack((6.0 * np.cos(turns), 6.0 * np.sin(turns), np.zeros(count)))
 
 
-def mill(forces, areas, feed=4.0, sigma=0.12):
-    """Return the step at which a second layer is stopped, and the force by its steps; None: not."""
-    watch, places = Breakthrough(9.0), ring(len(forces))
-    for layer in range(2):
+def probabilities(shares, areas=None, *, left_mm=DRAWS_MM, feed=FEED, hard=1.0):
+    """Return (n,) of a second layer, whose force is such a share (n,) of that of bone."""
+    count = len(shares)
+    areas = np.full(count, 0.6) if areas is None else areas
+    watch, found = Breakthrough(9.0), []
+    for layer, share in enumerate((np.ones(count), hard * np.asarray(shares))):
         watch.begin_layer(layer)
-        for row, place in enumerate(places):
-            force = 3.0 * areas[row] if layer == 0 else forces[row]
-            reading = ForceReading(force, 0.1 + sigma * force)
-            if watch.update(reading, place, float(areas[row]), feed):
-                return layer, row
-    return None
+        pace = feed if layer else FEED
+        for row, place in enumerate(ring(count)):
+            force = N_PER_MM2 * areas[row] * share[row] * pace**0.5
+            below = left_mm if layer else np.full(400, 2.0)
+            work = (float(areas[row]), pace)
+            found.append(watch.update(ForceReading(force, 0.1), place, work, below))
+    assert not any(found[:count])
+    return np.array(found[count:])
 
 
-def test_a_force_that_falls_is_felt_within_its_recent_steps():
-    areas = np.full(150, 0.6)
-    forces = np.where(np.arange(150) < 100, 1.8, 0.1)
-    found = mill(forces, areas)
-    assert found is not None
-    assert found[0] == 1
-    assert 100 < found[1] <= 110
+def test_without_a_force_to_compare_the_draws_alone_decide():
+    watch = Breakthrough(9.0)
+    watch.begin_layer(0)
+    found = watch.update(ForceReading(1.8, 0.1), np.zeros(3), (0.6, FEED), DRAWS_MM)
+    assert found == pytest.approx(OPEN)
+    assert 0.2 < OPEN < 0.3
 
 
-def test_harder_or_softer_bone_all_along_is_no_breakthrough():
-    areas = np.full(150, 0.6)
-    for share in (0.6, 1.0, 1.7):
-        assert mill(np.full(150, 1.8 * share), areas) is None
+def test_a_force_that_falls_makes_it_likely_and_one_that_stays_unlikely():
+    found = probabilities(np.where(np.arange(150) < 100, 1.0, 0.1))
+    assert (found[20:95] < 0.6 * OPEN).all()
+    assert (found[104:140] > 0.9).all()
 
 
-def test_a_thinner_chip_is_no_breakthrough():
+def test_the_more_it_falls_the_likelier_it_is():
+    found = [probabilities(np.full(60, share))[-1] for share in (1.0, 0.7, 0.4, 0.1)]
+    assert found == sorted(found)
+
+
+def test_where_the_maps_have_bone_in_every_draw_no_force_says_otherwise():
+    assert not probabilities(np.full(60, 0.02), left_mm=np.full(400, 1.0)).any()
+    assert (probabilities(np.full(60, 1.0), left_mm=np.full(400, -1.0))[10:] == 1.0).all()
+
+
+def test_it_is_bayes_over_the_draws():
+    """Two draws, one whole chip in bone and one half of it in soft tissue, by hand."""
+    left = np.array((0.5, -0.5 * CHIP_MM))
+    ratio = 0.7
+    off = (np.log(ratio) - np.log(np.array((1.0, 1.0 - 0.9 * 0.5)))) / 0.35
+    weights = (1.0 + off**2 / 4.0) ** -2.5
+    found = probabilities(np.full(60, ratio), left_mm=left)
+    np.testing.assert_allclose(found[10:], weights[1] / weights.sum(), rtol=1e-9)
+
+
+def test_a_thinner_chip_or_less_feed_is_no_breakthrough():
     areas = np.where(np.arange(150) < 100, 0.9, 0.35)
-    assert mill(3.0 * areas, areas) is None
+    assert (probabilities(np.ones(150), areas)[10:] < OPEN).all()
+    assert (probabilities(np.ones(150), feed=1.0)[10:] < OPEN).all()
 
 
-def test_the_same_force_at_less_feed_is_no_breakthrough():
-    random = np.random.default_rng(0)
-    areas = random.uniform(0.4, 0.8, 150)
-    assert mill(3.0 * areas * random.uniform(0.8, 1.2, 150), areas, feed=1.0) is None
+def test_harder_bone_makes_it_less_likely_never_more():
+    found = [probabilities(np.ones(60), hard=hard)[-1] for hard in (1.0, 1.3, 1.7)]
+    assert max(found) < 0.6 * OPEN
+
+
+def test_a_chip_that_is_next_to_nothing_leaves_the_draws_alone():
+    found = probabilities(np.full(60, 0.1), np.full(60, 0.02))
+    np.testing.assert_allclose(found, OPEN)
