@@ -28,6 +28,7 @@ from rona_core.session.document import Session
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState, VolumeView
 
+AWAY_RAD = float(np.deg2rad(0.1))  # from home, of any joint
 # value at the end of the colour scale
 MARGIN_SCALE_MAX: dict[Quantity, float] = {
     "room": 2.0,
@@ -212,6 +213,15 @@ def probe_on_bone(snapshot: Snapshot) -> bool:
     if live is None or snapshot.busy or _robot_changes(snapshot):
         return False
     return not stands_clear(snapshot.session, live.q_rad)
+
+
+def robot_away(snapshot: Snapshot) -> bool:
+    """Return whether the robot rests elsewhere than at home, as after a stop."""
+    live = snapshot.live.joints
+    if live is None or snapshot.busy or _robot_changes(snapshot):
+        return False
+    home_rad = robot_model(snapshot.session.setup.devices.robot.model).home_rad
+    return bool(np.abs(live.q_rad - home_rad).max() > AWAY_RAD)
 
 
 def _robot_changes(snapshot: Snapshot) -> bool:

@@ -6,6 +6,7 @@ HINTS = {
     "Cancel": "Ends the running job; what was there before is kept",
     "Next step": "Opens the next step of the procedure",
     "Retract probe": "Lifts the probe off the bone along its axis",
+    "Robot home": "Drives the robot home, the probe drawn back first where it stands on the bone",
     # set-up
     "Region radius (mm)": "Radius of the region of the skull to be scanned",
     "Cancel picking": "Leaves the region where it is",

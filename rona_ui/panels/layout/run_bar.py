@@ -6,12 +6,12 @@ from typing import Any
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.step_states import StepState
 from rona_core.app.overview.acceptance import Judgement
-from rona_core.app.steps.scan.messages import StartRetract
+from rona_core.app.steps.scan.messages import StartHome, StartRetract
 from rona_ui.labels import doing
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext, on_click
 from rona_ui.panels.widgets.step_panel import StepPanel, judged
-from rona_ui.presentation.shown import probe_on_bone
+from rona_ui.presentation.shown import probe_on_bone, robot_away
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import escape
 
@@ -85,7 +85,7 @@ class RunBar:
 
     def __init__(self, gui: Any, context: PanelContext, panels: dict[str, StepPanel]) -> None:
         self._panels, self._context = panels, context
-        self._step, self._rests = "setup", False
+        self._step, self._rests = "setup", (False, False)
         self._start = gui.add_button("Start", icon="player-play")
         self._progress_words = gui.add_html("")
         self._progress = gui.add_progress_bar(0.0, visible=False)
@@ -94,6 +94,7 @@ class RunBar:
         self._back = context.send_button(
             gui, "Retract probe", "arrow-back-up", StartRetract, visible=False
         )
+        self._home = context.send_button(gui, "Robot home", "home", StartHome, visible=False)
         self.buttons = {"start": self._start, "cancel": self._cancel, "next": self._next}
         on_click(self._start, lambda e: context.send(panels[self._step].message, e))
         on_click(self._cancel, lambda e: context.service("cancel", e, None))
@@ -108,8 +109,9 @@ class RunBar:
         """Follow step, job, and whether the probe stands on the bone."""
         job, step = new.job, new.view.step
         self._progress_words.content = progress_words(new)
-        rests, self._rests = self._rests, probe_on_bone(new)  # follows live joints, not only steps
-        if rests is self._rests and not changed(old, new, "job", "steps", "view"):
+        # these follow live joints, not only steps
+        rests, self._rests = self._rests, (probe_on_bone(new), robot_away(new))
+        if rests == self._rests and not changed(old, new, "job", "steps", "view"):
             return
         panel, state = self._panels[step], new.step(step)
         self._step, busy = step, new.busy
@@ -121,7 +123,7 @@ class RunBar:
         self._start.icon = "refresh" if done or partial else "player-play"
         self._start.color = "gray" if done else None
         self._start.disabled = state.blocked is not None
-        self._back.visible = not busy and self._rests
+        self._back.visible, self._home.visible = self._rests
         self._cancel.visible = self._progress.visible = busy
         if busy and job is not None:
             self._progress.value = round(100.0 * min(max(job.progress, 0.0), 1.0), 1)

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import trimesh
 
+from rona_core.app.runtime.session_step import Undo
 from rona_core.app.steps.implant.export import export_bed
-from rona_core.app.steps.implant.messages import PlanMilling
+from rona_core.app.steps.implant.messages import PlaceBed
 from rona_core.app.steps.implant.view import milling_view
 
 
@@ -78,15 +79,17 @@ def test_a_stale_bed_and_one_outside_of_the_maps_are_refused(client):
     client.delete(f"/sessions/{demo}")
 
 
-def test_the_motion_of_the_robot_is_given_once_it_is_certified(web, client, demo):
-    refused = client.get(f"/sessions/{demo}/bed/motion")
-    assert (refused.status_code, refused.json()["code"]) == (409, "step_blocked")
-    assert "plan the milling" in refused.text
+def test_the_motion_of_the_robot_is_given_as_long_as_it_is_of_this_bed(web, client, demo):
     bench = web.hub.get(demo)
-    bench.run(PlanMilling())
     answer = client.get(f"/sessions/{demo}/bed/motion")
     assert "milling_joints.csv" in answer.headers["content-disposition"]
     assert answer.content == export_bed(bench.session, "milling_joints.csv")
     script = client.get(f"/sessions/{demo}/bed/motion", params={"format": "urscript"})
     assert (script.status_code, script.json()["code"]) == (422, "invalid_input")
     assert "Universal Robots" in script.text
+    at = bench.session.results.get("bed").value.placed.placement
+    bench.dispatch(PlaceBed(at.u_mm + 0.5, at.v_mm, float(np.rad2deg(at.angle_rad)), lift_mm=1.0))
+    refused = client.get(f"/sessions/{demo}/bed/motion")
+    assert (refused.status_code, refused.json()["code"]) == (409, "stale_result")
+    bench.dispatch(Undo())
+    assert client.get(f"/sessions/{demo}/bed/motion").content == answer.content

@@ -11,7 +11,7 @@ from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.roll.messages import StartRollSearch
-from rona_core.app.steps.scan.messages import StartRetract, StartScan
+from rona_core.app.steps.scan.messages import StartHome, StartRetract, StartScan
 from rona_core.app.steps.setup.clearance import stands_clear
 from rona_core.compose import virtual_services
 from rona_core.errors import StepBlockedError
@@ -89,3 +89,23 @@ def test_the_probe_is_drawn_back_along_its_axis_and_then_there_is_nothing_to_dra
     np.testing.assert_allclose(way, (0.0, 0.0, -30.0), atol=0.05)  # straight back, by 30 mm
     with pytest.raises(StepBlockedError, match="stands clear"):
         bench.run(StartRetract())
+
+
+def test_from_the_bone_the_robot_goes_home_with_the_probe_drawn_back_first(bench):
+    session, robot, clock = bench.session, bench.rig().robot, bench.rig().clock
+    model = robot_model(session.setup.devices.robot.model)
+    questions = count()
+    bench.run(StartScan(), cancel=lambda: next(questions) >= IN_THE_SCAN)
+    clock.wait_until(clock.now() + 0.2)
+    stood = robot.state().q_rad
+    assert not stands_clear(session, stood)
+    driven = []
+    move = robot.move
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(robot, "move", lambda times, qs: driven.append(qs) or move(times, qs))
+        bench.run(StartHome())
+    np.testing.assert_allclose(robot.state().q_rad, model.home_rad, atol=1e-6)
+    probes = model.forward(np.stack((stood, driven[0][-1]))) @ model.T_flange_probe
+    np.testing.assert_allclose(probes[0].inv() @ probes[1].translation, (0.0, 0.0, -30.0), atol=0.1)
+    with pytest.raises(StepBlockedError, match="at home"):
+        bench.run(StartHome())

@@ -5,9 +5,11 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 
 import rona_core
+from rona_core.robot.kinematics.catalog import robot_model
 from rona_ui.resources import demo_session
 from tests.helpers.ui.browser_driver import PAUSE_S, Surgeon, put, retype, shows, wait_for
 
@@ -192,4 +194,15 @@ def test_escape_stops_the_robot_while_it_scans(surgeon: Surgeon) -> None:
     ascans = "/sessions/current/ascans/first"
     assert "code" not in surgeon.ask(f"{ascans}/{count - 1}")
     assert surgeon.ask(f"{ascans}/{count}")["code"] == "not_found"
+
+    home = surgeon.button("Robot home")
+    home.click()
+    home.wait_for(state="hidden")
+    surgeon.wait_idle()
+    wait_for(lambda: surgeon.ask("/jobs")[-1]["state"] == "done", "the robot to be at home")
+    assert surgeon.ask("/jobs")[-1]["activity"] == "StartHome"
+    at_rest = surgeon.ask("/sessions/current/robot/state")["joints_deg"]
+    assert at_rest == pytest.approx(np.rad2deg(robot_model("rx90").home_rad), abs=0.01)
+    assert home.is_hidden()
+    assert surgeon.button("Retract probe").is_hidden()
     assert surgeon.errors == []

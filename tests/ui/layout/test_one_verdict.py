@@ -11,7 +11,7 @@ from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.overview.acceptance import FIGURES, judgement, quality_rows
 from rona_core.app.runtime.handling import handle
 from rona_core.app.steps.path.messages import MovePathPoint
-from rona_core.app.steps.scan.messages import StartRetract
+from rona_core.app.steps.scan.messages import StartHome, StartRetract
 from rona_core.app.steps.setup.messages import SetRobot, SetSeed
 from rona_core.devices.live import LiveState
 from rona_core.devices.samples import JointSample
@@ -225,7 +225,7 @@ def test_a_whole_scan_leads_on_in_green(demo):
     assert gui.find("button", "Next: 9 Maps").color == GO_ON
 
 
-def test_retract_is_offered_while_the_probe_stands_on_the_bone_and_only_then(demo):
+def test_retract_and_home_are_offered_where_the_robot_was_stopped_and_only_there(demo):
     motion = demo.results.roll.value.trajectory
     on_path = int(np.argmin(np.abs(motion.times_s - motion.scan_start_s)))
     for q_rad, offered in ((motion.qs_rad[on_path], True), (motion.qs_rad[0], False)):
@@ -234,12 +234,18 @@ def test_retract_is_offered_while_the_probe_stands_on_the_bone_and_only_then(dem
         assert probe_on_bone(at) is offered
         button = bar(at).find("button", "Retract probe")
         assert button.visible is offered
+        assert bar(at).find("button", "Robot home").visible is offered
+    above = motion.qs_rad[on_path // 2]  # of the way to the bone
+    at = snapshot(demo, "maps", live=LiveState(joints=JointSample(0.0, above)))
+    assert not bar(at).find("button", "Retract probe").visible
+    assert bar(at).find("button", "Robot home").visible  # whatever step is open
     sent: list[Any] = []
     context = replace(NOTHING, send=lambda make, event: sent.append(make()))
     gui = FakeGui()
     RunBar(gui, context, {"scan": ScanPanel(gui, context)})
     gui.find("button", "Retract probe").happen(FakeClient())
-    assert sent == [StartRetract()]
+    gui.find("button", "Robot home").happen(FakeClient())
+    assert sent == [StartRetract(), StartHome()]
 
 
 def test_another_robot_is_not_drawn_on_the_plan_of_the_one_before(demo):

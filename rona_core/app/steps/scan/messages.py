@@ -35,3 +35,11 @@ class StartRetract:
 
     The line is certified first; where the probe stands clear of everything it is refused.
     """
+
+
+@message
+class StartHome:
+    """Drive the robot home from where it stands, as after a stop, on certified motions.
+
+    A probe that stands on the bone is drawn straight back first.
+    """

@@ -13,6 +13,7 @@ from rona_core.app.steps.scan.captures import capture_scan
 from rona_core.app.steps.scan.head_view import unwatched
 from rona_core.app.steps.scan.messages import (
     CalibrateProbeMounting,
+    StartHome,
     StartProbeMountingCapture,
     StartRetract,
     StartScan,
@@ -27,8 +28,9 @@ from rona_core.app.steps.scan.probe_mounting import (
 )
 from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.setup.inputs import BLOCK_PROBE
-from rona_core.app.steps.tool.robot_motion import FreeMoves
-from rona_core.errors import CancelledError
+from rona_core.app.steps.tool.robot_motion import FreeMoves, drive_to, same_place
+from rona_core.errors import CancelledError, StepBlockedError
+from rona_core.geometry.arrays import Floats
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import Session
 from rona_core.ultrasound.acoustic_calibration.probe_mounting import ProbeMounting
@@ -47,14 +49,34 @@ def retract(
         CancelledError: somebody pressed Cancel or Stop on the way.
     """
     model = robot_model(session.setup.devices.robot.model)
-    begin(session, context)
-    clock = context.rig.clock
-    clock.wait_until(clock.now() + ARRIVAL_S)  # until it is known where it came to rest
-    moves = FreeMoves(model, session_obstacles(session))
-    line = moves.back(context.rig.robot.state().q_rad)
+    stood = _where_it_rests(session, context)
+    line = FreeMoves(model, session_obstacles(session)).back(stood)
     if not finish(context.rig.robot.move(line.times_s, line.qs_rad), context):
         raise CancelledError("the robot was stopped while it drew the probe back: retract again")
     return ()
+
+
+def go_home(activity: StartHome, session: Session, context: ActivityContext) -> tuple[Message, ...]:
+    """Drive the robot home, the probe drawn back first where it stands on the bone.
+
+    Raises:
+        StepBlockedError: it is at home.
+        NotReachableError: there is no such motion, or the verifier refuses it; it says why.
+        CancelledError: somebody pressed Cancel or Stop on the way.
+    """
+    home_rad = robot_model(session.setup.devices.robot.model).home_rad
+    if same_place(_where_it_rests(session, context), home_rad):
+        raise StepBlockedError("StartHome is blocked: the robot is at home")
+    drive_to(home_rad, session, context)
+    return ()
+
+
+def _where_it_rests(session: Session, context: ActivityContext) -> Floats:
+    """Return the joint angles (6,) once it is known where the robot came to rest."""
+    begin(session, context)
+    clock = context.rig.clock
+    clock.wait_until(clock.now() + ARRIVAL_S)
+    return context.rig.robot.state().q_rad
 
 
 def _not_to_be_driven(session: Session) -> str | None:
@@ -109,6 +131,7 @@ STEP = declare.Step(
             "Drawing the probe back",
             drives_robot=True,
         ),
+        declare.Activity(StartHome, go_home, "Driving the robot home", drives_robot=True),
     ),
     captures=(
         declare.Capture(

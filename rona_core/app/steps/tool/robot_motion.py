@@ -111,13 +111,18 @@ def drive_to(q_rad: Floats, session: Session, context: ActivityContext) -> None:
     model = robot_model(session.setup.devices.robot.model)
     begin(session, context)
     start = context.rig.robot.state().q_rad
-    if np.abs(start - q_rad).max() < SAME_PLACE_RAD:
+    if same_place(start, q_rad):
         return
     moves = FreeMoves(model, session_obstacles(session))
     for planned in moves.plan(start, q_rad):
         motion = context.rig.robot.move(planned.times_s, planned.qs_rad)
         if not finish(motion, context):
             raise CancelledError(STOPPED)
+
+
+def same_place(q_rad: Floats, other_rad: Floats) -> bool:
+    """Return whether joint angles (6,) are those of a robot that rests there."""
+    return bool(np.abs(q_rad - other_rad).max() < SAME_PLACE_RAD)
 
 
 def move_robot(
