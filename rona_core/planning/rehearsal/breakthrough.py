@@ -46,7 +46,8 @@ class Breakthrough:
         self,
         reading: ForceReading,
         bottom_bed: Floats,
-        work: tuple[float, float],
+        area_mm2: float,
+        feed_mm_per_s: float,
         left_mm: Floats,
     ) -> float:
         """Return the probability that the burr is through at a step.
@@ -54,10 +55,10 @@ class Breakthrough:
         Args:
             reading: Force along the step.
             bottom_bed: Lowest place of the burr (3,), as commanded.
-            work: Section of the chip that it should take, in mm2, and feed, in mm/s.
+            area_mm2: Section of the chip that it should take.
+            feed_mm_per_s: Of the step.
             left_mm: Draws (k,) of the bone left below it, by the maps; negative: through.
         """
-        area_mm2, feed_mm_per_s = work
         i, j = (np.rint(bottom_bed[:2] / CELL_MM).astype(np.int64) + self._half).tolist()
         self._now[:, i, j] += (reading.mean_n, area_mm2 * feed_mm_per_s**FEED_POWER)
         through = left_mm < -PAST_MM

@@ -207,8 +207,7 @@ class _Rehearsal:
             self._duration_s += float(steps_mm[row]) / feed
             self._most_n = max(self._most_n, reading.mean_n)
             self._force.begin_layer(int(way.layers[row]))
-            work = (area, feed)
-            through = self._force.update(reading, way.bottoms_bed[row], work, drawn_mm[row])
+            through = self._force.update(reading, way.bottoms_bed[row], area, feed, drawn_mm[row])
             self._through.append(through)
             self._done += 1
             if self._guards.stop_on_force and through > MOST_THROUGH:

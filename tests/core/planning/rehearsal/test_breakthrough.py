@@ -28,8 +28,8 @@ def probabilities(shares, areas=None, *, left_mm=DRAWS_MM, feed=FEED, hard=1.0):
         for row, place in enumerate(ring(count)):
             force = N_PER_MM2 * areas[row] * share[row] * pace**0.5
             below = left_mm if layer else np.full(400, 2.0)
-            work = (float(areas[row]), pace)
-            found.append(watch.update(ForceReading(force, 0.1), place, work, below))
+            reading, area = ForceReading(force, 0.1), float(areas[row])
+            found.append(watch.update(reading, place, area, pace, below))
     assert not any(found[:count])
     return np.array(found[count:])
 
@@ -37,7 +37,7 @@ def probabilities(shares, areas=None, *, left_mm=DRAWS_MM, feed=FEED, hard=1.0):
 def test_without_a_force_to_compare_the_draws_alone_decide():
     watch = Breakthrough(9.0)
     watch.begin_layer(0)
-    found = watch.update(ForceReading(1.8, 0.1), np.zeros(3), (0.6, FEED), DRAWS_MM)
+    found = watch.update(ForceReading(1.8, 0.1), np.zeros(3), 0.6, FEED, DRAWS_MM)
     assert found == pytest.approx(OPEN)
     assert 0.2 < OPEN < 0.3
 
