@@ -5,11 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from rona_core.geometry.arrays import Bools, Floats
+from rona_core.geometry.arrays import Floats
 from rona_core.planning.implants.implant import Implant
-from rona_core.virtual.milling.left_bone import LeftBone
+from rona_core.virtual.milling.left_bone import CELL_MM, LeftBone
 
-REACH_MM, STEP_MM = 0.8, 0.1  # of the search for the place where it goes in deepest
+STEPS = 8  # of the search for the place where it goes in deepest, to each side,
+STEP_MM = 0.5 * CELL_MM  # of which two are one cell of the bone
 RIM_TURNS = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)  # places where somebody presses
 
 
@@ -29,36 +30,45 @@ def seated(implant: Implant, left: LeftBone) -> Seated:
     It may give way sideways as far as the bed lets it, as a bed that the robot has milled beside
     its place is still a bed.
     """
-    steps = np.arange(-REACH_MM, REACH_MM + 1e-9, STEP_MM)
-    high, aside, x, y = min(
-        (float(_room(implant, left, x, y)[1].max()), float(np.hypot(x, y)), x, y)
-        for x in steps.tolist()
-        for y in steps.tolist()
+    # over a grid of steps, of which every other one is below a cell of the bone
+    x_mm, y_mm = (_every_step(axis) for axis in (left.x_mm, left.y_mm))
+    depth = implant.depth_mm(x_mm, y_mm)
+    steps = range(-STEPS, STEPS + 1)
+    high, aside, i, j = min(
+        (_high_mm(left, _moved(depth, i, j)), float(np.hypot(i, j)) * STEP_MM, i, j)
+        for i in steps
+        for j in steps
     )
-    needed, room = _room(implant, left, x, y)
-    lowest: Bools = needed > needed.max() - 0.05
+    moved = _moved(depth, i, j)
+    below = moved > 0.0
+    lowest = moved > moved.max() - 0.05
+    at = np.nonzero(lowest)
     return Seated(
         high_mm=high,
         aside_mm=aside,
-        gap_mean_mm=float((high - room).mean()),
-        rock_mm=_rock_mm(*_floor(implant, left, x, y, lowest)),
+        gap_mean_mm=float((high - (left.top_mm + moved)[below]).mean()),
+        rock_mm=_rock_mm(
+            np.column_stack((left.x_mm[at[0]], left.y_mm[at[1]])), left.top_mm[lowest]
+        ),
     )
 
 
-def _room(implant: Implant, left: LeftBone, x: float, y: float) -> tuple[Floats, Floats]:
-    """Return the depth of the implant over the cells below it, and how far bone pushes it up."""
-    depth = implant.depth_mm(left.x_mm - x, left.y_mm - y)
-    below = depth > 0.0
-    return depth[below], (left.top_mm + depth)[below]
+def _every_step(axis_mm: Floats) -> Floats:
+    """Return places a step apart, from ``STEPS`` before the first cell to as many after the last."""
+    return axis_mm[0] + STEP_MM * np.arange(-STEPS, 2 * len(axis_mm) - 1 + STEPS)
 
 
-def _floor(
-    implant: Implant, left: LeftBone, x: float, y: float, lowest: Bools
-) -> tuple[Floats, Floats]:
-    """Return the cells (n, 2) below the lowest part of an implant, and the floor there (n,)."""
-    depth = implant.depth_mm(left.x_mm - x, left.y_mm - y)
-    i, j = (axis[lowest] for axis in np.nonzero(depth > 0.0))
-    return np.column_stack((left.x_mm[i], left.y_mm[j])), left.top_mm[i, j]
+def _moved(depth_mm: Floats, i: int, j: int) -> Floats:
+    """Return the depth over the cells of an implant that is moved by so many steps."""
+    first, second = STEPS - i, STEPS - j
+    rows = (depth_mm.shape[0] - 2 * STEPS + 1) // 2
+    columns = (depth_mm.shape[1] - 2 * STEPS + 1) // 2
+    return depth_mm[first : first + 2 * rows : 2, second : second + 2 * columns : 2]
+
+
+def _high_mm(left: LeftBone, depth_mm: Floats) -> float:
+    """Return how far bone pushes up an implant that is so deep over its cells (nx, ny)."""
+    return float(np.where(depth_mm > 0.0, left.top_mm + depth_mm, -np.inf).max())
 
 
 def _rock_mm(places: Floats, heights: Floats) -> float:

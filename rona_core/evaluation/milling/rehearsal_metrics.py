@@ -21,8 +21,6 @@ from rona_core.virtual.scene import VirtualScene
 if TYPE_CHECKING:
     from rona_core.session.document import Session
 
-ANY_FEED = 1.0  # what is left of the bone does not depend on it
-
 _FIGURES: Memo[Figures] = Memo(2)
 
 
@@ -61,6 +59,5 @@ def milled_again(session: "Session", found: Rehearsal, scene: VirtualScene) -> V
     for part in (commanded.part(before), commanded.part(~before)):
         if len(part):
             site.follow(part)
-            for _ in range(len(part)):
-                site.advance(ANY_FEED)
+            site.drive()
     return site

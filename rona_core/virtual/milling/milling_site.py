@@ -82,6 +82,13 @@ class VirtualMillingSite:
         mean, sigma = measured(force, bone, step_mm / feed_mm_per_s, self._random)
         return ForceReading(mean, sigma)
 
+    def drive(self) -> None:
+        """Drive along all that is left of the way; nobody feels a force."""
+        rows = slice(self._next, len(self._way))
+        least = self.left_bone().cut_along(self._centers[rows], self._way.radii_mm[rows])
+        self.least_mm += least.tolist()
+        self._next = len(self._way)
+
     def scan_floor(self, way: BurrWay) -> AScanTrack:
         """Return an A-scan for each place, with the probe pressed on the floor, along -z of bed."""
         scene, settings = self._scene, self._scene.settings.probe
