@@ -36,11 +36,24 @@ def demo() -> Session:
     return load_session(demo_session())
 
 
-@pytest.fixture
-def bench(demo, tmp_path):
-    bench = Workbench(demo, virtual_services(), tmp_path)
+@pytest.fixture(scope="module")
+def shared(demo, tmp_path_factory):
+    bench = Workbench(demo, virtual_services(), tmp_path_factory.mktemp("bench"))
     yield bench
     bench.close()
+
+
+@pytest.fixture(scope="module")
+def before(shared):
+    """Figures of the demo session."""
+    return shared.figures()
+
+
+@pytest.fixture
+def bench(shared, demo):
+    """A bench with the demo session as it is on file."""
+    shared.store._session = demo
+    return shared
 
 
 @pytest.mark.parametrize(
@@ -56,9 +69,8 @@ def bench(demo, tmp_path):
     ids=lambda value: type(value).__name__ if not isinstance(value, int) else "",
 )
 def test_a_repeat_that_was_cut_short_leaves_captures_states_and_figures_as_they_were(
-    bench, demo, activity, asked
+    bench, demo, before, activity, asked
 ):
-    before = bench.figures()
     questions = count()
     bench.run(activity, cancel=lambda: next(questions) >= asked)
     session = bench.session
@@ -70,8 +82,7 @@ def test_a_repeat_that_was_cut_short_leaves_captures_states_and_figures_as_they_
     assert bench.figures() == before
 
 
-def test_a_scan_stopped_before_it_touched_leaves_all_figures_as_they_were(bench):
-    before = bench.figures()
+def test_a_scan_stopped_before_it_touched_leaves_all_figures_as_they_were(bench, before):
     with pytest.raises(CancelledError, match="earlier is kept"):
         bench.run(StartScan(), cancel=lambda: True)
     assert bench.figures() == before
