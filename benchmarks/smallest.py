@@ -171,6 +171,7 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
         "suites.procedure.kills.KILLS": 1,
         "suites.procedure.kills.ENDS": 1,
         "suites.procedure.kills.BUSY": (True,),
+        "suites.procedure.kills.KILLED": ("worker and resource tracker",),
     },
     "procedure": {
         "suites.procedure.procedure.SEEDS": (0,),

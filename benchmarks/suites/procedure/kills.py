@@ -10,6 +10,7 @@ import tempfile
 import time
 import warnings
 from collections.abc import Callable
+from itertools import product
 from multiprocessing import resource_tracker
 from pathlib import Path
 
@@ -23,6 +24,7 @@ from rona_core.errors import CancelledError, RonaError
 KILLS = int(os.environ.get("KILLS", "50"))  # of each kind
 ENDS = 5  # of each kind
 BUSY = (False, True)  # a server at rest, and one in the middle of a job
+KILLED = ("worker", "worker and resource tracker")  # the library starts that one beside it
 TEXT = "the computing process ended unexpectedly: start it again"
 
 
@@ -83,18 +85,14 @@ def _workers(progress: Progress) -> list[Metric]:
         kill_worker()
 
     metrics: list[Metric] = []
-    kinds = (
-        ("worker, idle", idle, kill_worker),
-        ("worker, busy", busy, kill_worker),
-        ("worker and resource tracker, idle", idle, tracker_too),
-        ("worker and resource tracker, busy", busy, tracker_too),
-    )
+    kills = {"worker": kill_worker, "worker and resource tracker": tracker_too}
+    kinds = {"idle": idle, "busy": busy}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the tracker's death is told by a warning
-        for name, kind, kill in kinds:
-            progress(f"{KILLS} kills: {name}")
-            bad = sum(not kind(kill, number) for number in range(KILLS))
-            text = f"{name} killed: next job lost, of {KILLS}"
+        for name, state in product(KILLED, kinds):
+            progress(f"{KILLS} kills: {name}, {state}")
+            bad = sum(not kinds[state](kills[name], number) for number in range(KILLS))
+            text = f"{name}, {state} killed: next job lost, of {KILLS}"
             metrics.append(Metric(text, bad, "kills", "lower", 0.0))
     progress("cancel of what does not look at it")
     metrics.append(Metric("deaf computation: cancel", _cancel_s(pool), "s", "lower", 1.0))

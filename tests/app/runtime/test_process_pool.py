@@ -19,7 +19,7 @@ from rona_core.errors import CancelledError, NotReachableError, RonaError
 
 pytestmark = pytest.mark.slow
 
-KILLS = 3  # of each kind; `python -m benchmarks kills` does 50
+KILLS = 2  # of each kind; `python -m benchmarks kills` does 50
 
 
 def add(a, b, *, progress, cancel):
