@@ -39,7 +39,7 @@ def run(progress: Progress) -> list[Metric]:
                 f"{label}: suggestions that verify when planned again", works, "of 2", "higher", 2
             ),
             Metric(f"{label}: places that seem to work", float(seeming), "", "higher"),
-            Metric(f"{label}: most room", found.best and found.best.margin, "", "higher"),
+            Metric(f"{label}: largest margin", found.best and found.best.margin, "", "higher"),
             Metric(f"{label}: whole search, CPU", 1e3 * spent_s, "ms", "lower"),
         ]
         smallest_mm = found.smallest.moved_mm if found.smallest else None

@@ -102,7 +102,7 @@ def planted(model: RobotModel, obstacles: Obstacles) -> float:
     cases = (
         (model, move, obstacles, None),
         (model, Motion(slow, jump), obstacles, "joint step"),
-        (model, at_rate(beyond), obstacles, "room to the joint limits"),
+        (model, at_rate(beyond), obstacles, "margin to the joint limits"),
         (model, move, crowded, "clearance from the ball"),
         (replace(model, limits=hasty), move, obstacles, "joint speed"),
         (replace(model, limits=rough), move, obstacles, "joint acceleration"),

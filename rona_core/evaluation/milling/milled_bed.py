@@ -54,7 +54,7 @@ def seated(implant: Implant, left: LeftBone) -> Seated:
 
 
 def _every_step(axis_mm: Floats) -> Floats:
-    """Return places a step apart, from ``STEPS`` before the first cell to as many after the last."""
+    """Return places a step apart, from ``STEPS`` before the first cell to beyond the last."""
     return axis_mm[0] + STEP_MM * np.arange(-STEPS, 2 * len(axis_mm) - 1 + STEPS)
 
 

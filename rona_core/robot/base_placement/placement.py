@@ -26,7 +26,7 @@ from rona_core.robot.planning.plan_scan import PlanSettings, plan_scan
 
 HALVINGS = 5  # of the smallest move
 DIRECTIONS, SHARES = 16, (0.4, 0.6, 0.8)  # looked at for a smaller move
-POLISH = (0.5, 0.25)  # of a grid step, around the most roomy place
+POLISH = (0.5, 0.25)  # of a grid step, around the place with the largest margin
 MOST_TRIES = 5  # places that are planned in full, for the best and for the nearest one each
 HOPELESS_TRIES = 3  # likewise where no constant roll seems to work: a varying one may
 COMFORTABLE = 0.25  # room at which jumps are hardly met
@@ -97,7 +97,7 @@ class _Chart:
     blocked: Bools  # (nx, ny)
 
     def ranked(self, least: float) -> list[tuple[float, Spot]]:
-        """Return margin and spot of what has at least this margin, the most roomy first."""
+        """Return margin and spot of what has at least this margin, the largest first."""
         found: list[tuple[float, Spot]] = []
         for i, j in np.argwhere((self.margins >= least) & ~self.blocked):
             x, y, z, turn = (float(v) for v in self.spots[i, j])
@@ -198,7 +198,7 @@ def _around(places: ReachabilityMap, place: BasePlace) -> BasePlace:
 
 
 def _best(places: ReachabilityMap, chart: _Chart, smallest: BasePlace | None) -> BasePlace | None:
-    """Return the place with the most room that was found to work."""
+    """Return the place with the largest margin that was found to work."""
     ranked = chart.ranked(-np.inf)
     working = [item for item in ranked if item[0] >= 0.0]
     hopeless = [item for item in ranked if item[0] < 0.0]
@@ -214,7 +214,7 @@ def _best(places: ReachabilityMap, chart: _Chart, smallest: BasePlace | None) ->
 
 
 def _polished(places: ReachabilityMap, margin: float, spot: Spot) -> tuple[float, Spot]:
-    """Return a spot with more room near the most roomy one of the grid."""
+    """Return a spot with a larger margin near the best one of the grid."""
     for share in POLISH:
         step = share * places.search.step_mm
         x0, y0, z0, _ = spot
@@ -234,12 +234,12 @@ def _reasons(
     looked = int(np.count_nonzero(~chart.blocked))
     seeming = len(chart.ranked(0.0))
     words = [
-        f"where the base stands the least room with a constant roll is {here:.2f}, 0 is needed",
+        f"where the base stands, the smallest margin of a constant roll is {here:.2f}, 0 is needed",
         f"{seeming} of {looked} places seem to work with a constant roll; "
         f"{chart.blocked.sum()} are too near the head",
     ]
     if smallest is not None and best is not None:
-        words += [f"smallest move: {smallest.sentence}", f"most room: {best.sentence}"]
+        words += [f"smallest move: {smallest.sentence}", f"largest margin: {best.sentence}"]
     else:
         words.append("no place was found from which the scan is certified")
     return tuple(words + places.refusals)

@@ -134,7 +134,7 @@ class ReachabilityMap:
     def _place(self, spot: Spot, plan: RobotPlan) -> BasePlace:
         margin, moved_mm = self.margin(spot), self.moved_mm(spot)
         turned_deg = abs((spot[3] - self.now[3] + 180.0) % 360.0 - 180.0)
-        rolls = f"{plan.search.n_feasible} constant rolls work, least room {margin:.2f}"
+        rolls = f"{plan.search.n_feasible} constant rolls work, smallest margin {margin:.2f}"
         if plan.search.mode != "constant":
             rolls = "a roll that varies along the path works"
         sentence = (

@@ -54,11 +54,11 @@ class CollisionReport:
     pairs: tuple[Pair, ...]  # that are looked at
     clearance_mm: Floats  # (n,) least distance of any pair, those that may touch left out
     room_mm: Floats  # (n,) least distance beyond what is demanded; negative: too close
-    closest: Ints  # (n,) the pair with the least room
+    closest: Ints  # (n,) the closest pair
     first_hit: int  # the first place that is too close, -1 for none
 
     def closest_pair(self, place: int) -> ClosestPair:
-        """Return the pair with the least room at one place."""
+        """Return the closest pair at one place."""
         pair = self.pairs[self.closest[place]]
         apart_mm = pair.least_mm + float(self.room_mm[place])
         return ClosestPair(pair.first, pair.second, apart_mm, pair.least_mm)

@@ -192,7 +192,7 @@ def _joint_checks(band: _Band, reached: Bools) -> list[Check]:
     step_deg, largest_deg = np.rad2deg(steps), float(np.rad2deg(STEP_RAD))
     return [
         _check("poses of the band out of reach", ~reached, 0.0, "", samples),
-        _check("lack of room to the joint limits in the band", -room, 0.0, "°", samples),
+        _check("lack of margin to the joint limits in the band", -room, 0.0, "°", samples),
         _check("joint step in the band", step_deg, largest_deg, "°", samples),
         _check("joint speed in the band", share, 100.0, "%", samples),
     ]

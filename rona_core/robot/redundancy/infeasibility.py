@@ -51,7 +51,7 @@ def verdict_on(
     """
     name = name or f"roll {roll_deg:.4g}°"
     if cause is None:
-        words = f"the whole path can be followed, least room {margin:.2f}"
+        words = f"the whole path can be followed, smallest margin {margin:.2f}"
         cause = FailureCause("none", 0, margin, 0.0, "", words)
     place = "" if cause.reason in ("none", "no way") else f" at path point {index} of {n}"
     return RollVerdict(

@@ -39,7 +39,7 @@ class RollVerdict:
     sentence: str
 
 
-def most_roomy_refused(verdicts: tuple[RollVerdict, ...]) -> RollVerdict | None:
+def refused_with_largest_margin(verdicts: tuple[RollVerdict, ...]) -> RollVerdict | None:
     """Return the verdict with the largest margin among those without a way to the path or back."""
     refused = [verdict for verdict in verdicts if verdict.reason == "no way"]
     return max(refused, key=lambda verdict: verdict.margin, default=None)
@@ -102,7 +102,7 @@ class RollSearch:
     @property
     def refused(self) -> RollVerdict | None:
         """The verdict with the largest margin among those without a way to the path or back."""
-        return most_roomy_refused(self.verdicts)
+        return refused_with_largest_margin(self.verdicts)
 
     def with_constant_roll(self, index: int, branch: int, qs_rad: Floats) -> "RollSearch":
         """Return the search with one of its constant rolls chosen, and its joints (n, 6)."""

@@ -77,7 +77,7 @@ def judged(
 def _worst(
     name: str, world: CollisionWorld, columns: Ints, distances: Floats, numbers: Floats
 ) -> Check:
-    """Return the check of the pair, of those in some columns, that has the least room."""
+    """Return the check of the pair, of those in some columns, that is closest."""
     room = distances[:, columns] - world.least_mm[columns]
     row, column = np.unravel_index(int(room.argmin()), room.shape)
     pair = world.pairs[int(columns[column])]

@@ -96,7 +96,7 @@ def joint_checks(model: RobotModel, motion: TimedMotion, allowed: Tolerances) ->
     steps = np.rad2deg(np.abs(np.diff(qs, axis=0)).max(axis=1))
     checks = [
         order,
-        check("room to the joint limits", room, 0.0, "°", least=True),
+        check("margin to the joint limits", room, 0.0, "°", least=True),
         check("joint step", steps, float(np.rad2deg(allowed.step_rad)), "°", first=1),
     ]
     if not order.holds:

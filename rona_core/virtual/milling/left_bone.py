@@ -61,7 +61,7 @@ class LeftBone:
         Returns:
             The shortest way (n,) from the ball to the inner boundary at each place.
         """
-        least = np.empty(len(radii_mm))
+        least = np.zeros(len(radii_mm))
         for row, cells in enumerate(self._cells(centers_bed, radii_mm)):
             lowest, least[row] = self._reached(cells, centers_bed[row], float(radii_mm[row]))
             np.minimum(self.top_mm[cells], lowest, out=self.top_mm[cells])

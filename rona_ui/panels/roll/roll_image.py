@@ -109,7 +109,7 @@ def legend(strip: RollStrip) -> str:
 
 
 def _top(strip: RollStrip) -> float:
-    """Return the most room of all rolls, where the colours end."""
+    """Return the largest margin of all rolls, where the colours end."""
     return max(float(strip.node_room.max(initial=0.0)), 1e-9)
 
 

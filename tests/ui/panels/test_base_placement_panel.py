@@ -161,7 +161,7 @@ def test_the_picture_of_the_floor_tells_what_works_what_fails_and_what_is_too_ne
     assert middle(0, 1) == [*VERMILLION, FAINT]
     assert middle(1, 1) == [*BLOCKED, FAINT]
     assert middle(0, 0)[3] == middle(1, 0)[3] == OPAQUE
-    assert middle(1, 0)[:2] == [253, 231], "the most room is the yellow end of the scale"
+    assert middle(1, 0)[:2] == [253, 231], "the largest margin is the yellow end of the scale"
     assert not image[0].any(), "cells are kept apart"
 
 

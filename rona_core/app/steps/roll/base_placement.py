@@ -73,8 +73,8 @@ def advice(placement: BasePlacement) -> str:
         return f"Change the path: {'; '.join(placement.reasons[1:])}"
     if not moves(near):
         return "The base may stay: a motion from where it stands is certified"
-    roomy = "" if best is near else f". With the most room: {best.sentence}"
-    return f"Move the robot base. The smallest move that was certified: {near.sentence}{roomy}"
+    farther = "" if best is near else f". With the largest margin: {best.sentence}"
+    return f"Move the robot base. The smallest move that was certified: {near.sentence}{farther}"
 
 
 def require_move(session: Session, which: Which) -> RobotSettings:

@@ -34,7 +34,7 @@ class ChooseRoll:
     """Plan and verify the scan with another roll of the search (its index, from 0)."""
 
     index: int = within(0, 9999)
-    # one that is ranked for this roll; None: that with the most room
+    # one that is ranked for this roll; None: that with the largest margin
     branch: int | None = within(0, 7, default=None)
 
 
@@ -69,7 +69,7 @@ class StartBasePlacement:
 
 @message
 class ApplyBasePlacement:
-    """Move the robot's base to the place that was found: the most roomy one or the nearest.
+    """Move the robot's base to the place found: that with the largest margin, or the nearest.
 
     The tracker is registered to the base: tool, surface, path and all that follows are then to be
     done again.

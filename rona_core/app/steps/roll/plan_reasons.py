@@ -3,7 +3,7 @@
 from collections import Counter
 
 from rona_core.robot.planning.plan import RobotPlan
-from rona_core.robot.redundancy.result import RollVerdict, most_roomy_refused
+from rona_core.robot.redundancy.result import RollVerdict, refused_with_largest_margin
 from rona_core.robot.verification.certificate import Certificate
 from rona_core.session.document import Session
 
@@ -41,12 +41,12 @@ def none_works(verdicts: tuple[RollVerdict, ...]) -> str:
     causes = Counter(verdict.reason for verdict in stopped)
     counts = [f"{count} by {cause}" for cause, count in causes.most_common()]
     if left := len(verdicts) - len(stopped):
-        counts.append(f"{left} with less room were not tried")
+        counts.append(f"{left} with a smaller margin were not tried")
     details = ""
     if stopped:
         furthest = max(stopped, key=lambda verdict: verdict.index)
         details = f"; the one that gets furthest: {furthest.sentence}"
-    if refused := most_roomy_refused(verdicts):
+    if refused := refused_with_largest_margin(verdicts):
         details = f"; tried first: {refused.sentence}{details}"
     return f"none of {len(verdicts)} rolls works ({', '.join(counts)}){details}"
 

@@ -52,7 +52,7 @@ class RankedWay:
     index: int
     branch: int
     roll_deg: float
-    margin: float  # least room along the path
+    margin: float  # smallest margin along the path
     label: str  # of the branch
     chosen: bool
 
@@ -60,7 +60,7 @@ class RankedWay:
 def shown_roll(session: Session, wanted: int | None) -> int | None:
     """Return the index of the roll to show: the wanted one, else the chosen.
 
-    Where there is none, the one with the most room, or the one that gets furthest.
+    Where there is none, the one with the largest margin, or the one that gets furthest.
     """
     searched = session.results.roll
     if searched is None or not searched.value.search.verdicts:
@@ -146,7 +146,7 @@ def roll_strip(session: Session) -> RollStrip | None:
 
 
 def ranked_ways(session: Session, most: int = 40) -> tuple[RankedWay, ...]:
-    """Return the ways to follow the path with a constant roll, most room first."""
+    """Return the ways to follow the path with a constant roll, largest margin first."""
     searched = session.results.roll
     if searched is None:
         return ()
@@ -231,6 +231,6 @@ def none_works(plan: RobotPlan) -> str:
         return f"None of {len(plan.search.verdicts)} rolls can be followed.{varying} {remedy}"
     return (
         f"{plan.search.n_feasible} of {len(plan.search.verdicts)} rolls could be followed by the "
-        "arm alone, but those with the most room have no way there and back on which robot and "
+        "arm alone, but the best of them have no way there and back on which robot and "
         f"tool keep clear of everything (path colour Collisions, on the right).{varying} {remedy}"
     )

@@ -187,7 +187,7 @@ def test_a_limit_violation_is_caught(plan):
         tight, plan.trajectory, plan.search.path, plan.search.rolls_rad, SPEED
     )
     (check,) = certificate.failures()
-    assert check.name == "room to the joint limits"
+    assert check.name == "margin to the joint limits"
     assert check.value == pytest.approx(-0.5, abs=1e-6)
     assert np.isclose(room[check.index].min(), room.min())
 
@@ -352,7 +352,7 @@ def test_a_roll_that_was_tried_in_vain_is_green_no_longer_and_says_why(path, pla
     told = why_no_plan(refused)
     assert "tried first: roll" in told
     assert "touches something" in told
-    assert f"{refused.search.n_feasible} with less room were not tried" in told
+    assert f"{refused.search.n_feasible} with a smaller margin were not tried" in told
     assert "by none" not in told
 
 

@@ -88,7 +88,7 @@ def test_a_position_beyond_the_limits_is_caught_though_all_else_holds():
     goal[4] = RX90.upper_rad[4] + np.deg2rad(0.5)
     qs = joint_move(RX90, RX90.home_rad, goal)
     certificate = verify_motion(RX90, Motion(np.arange(len(qs)) * 0.02, qs))
-    assert names(certificate) == ["room to the joint limits"]
+    assert names(certificate) == ["margin to the joint limits"]
     assert certificate.failures()[0].value == pytest.approx(-0.5)
 
 
