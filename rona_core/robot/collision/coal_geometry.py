@@ -17,7 +17,7 @@ import numpy as np
 import pinocchio as pin
 
 from rona_core.errors import InvalidInputError
-from rona_core.geometry.arrays import Bools, Floats
+from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.geometry.pose import Pose
 from rona_core.robot.collision.collision_geometry import ConvexBody
 from rona_core.robot.collision.obstacles import Capsule, Hull, Obstacle
@@ -116,6 +116,11 @@ class Bodies:
         pin.computeDistances(self._robot, self._state, self._shapes, self._found, q_rad)
         results = compress(self._results, self._chosen)
         return np.array([result.min_distance for result in results]) * MM_PER_M
+
+    def normals_base(self, pairs: Ints) -> Floats:
+        """Return the unit vectors (k, 3) along which some pairs were apart when last looked at."""
+        normals = np.array([self._results[pair].normal for pair in pairs.tolist()])
+        return normals.reshape(-1, 3)
 
     def _add(self, name: str, link: int, placement: Any, shape: Any) -> None:
         body = pin.GeometryObject(name, link, placement, shape)

@@ -23,6 +23,7 @@ from rona_core.robot.collision.collision_geometry import (
     collision_bodies,
 )
 from rona_core.robot.collision.obstacles import NOTHING_AROUND, Obstacle, Obstacles
+from rona_core.robot.collision.separating_planes import SeparatingPlanes
 from rona_core.robot.kinematics.arm import as_joints
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.kinematics.spherical_wrist import SphericalWristArm
@@ -30,6 +31,8 @@ from rona_core.robot.kinematics.spherical_wrist import SphericalWristArm
 POSITIONS = 100  # in which parts that may be far from each other are tried
 FAR_MM = 60.0  # parts that stay farther apart are never near
 BLOCK = 32  # places whose distances are bounded by those at the middle one
+STRETCH = 64  # places whose distances are bounded by planes at the middle one
+TOGETHER = 512  # places whose link frames are computed at once
 FEW = 8  # places for which that does not pay
 SLACK_MM = 0.01  # more than distances vary with where the search for them starts
 ROUNDED = 6  # decimals of a distance
@@ -76,7 +79,7 @@ class CollisionWorld:
 
     def __init__(self, model: RobotModel, obstacles: Obstacles = NOTHING_AROUND) -> None:
         """Build the bodies and find the pairs that can meet."""
-        self.obstacles = obstacles
+        self.obstacles, self._arm = obstacles, model.arm
         bodies = collision_bodies(model)
         self._bodies = Bodies(model, bodies, obstacles.things)
         self.pairs = (
@@ -92,6 +95,7 @@ class CollisionWorld:
         self.least_mm = readonly(np.array([pair.least_mm for pair in self.pairs]))
         self.levers_mm = readonly(self._bodies.levers_mm)
         self._pair_levers_mm = self._bodies.pair_levers_mm(self.pairs)
+        self._planes = SeparatingPlanes(self.pairs, bodies, obstacles.things)
         self._counted = self.least_mm >= 0.0
         kinds = [(pair.group, pair.least_mm) for pair in self.pairs]
         self._kinds = [np.array([kind == other for other in kinds]) for kind in {*kinds}]
@@ -156,15 +160,26 @@ class CollisionWorld:
 
     def _too_close(self, qs: Floats) -> Iterator[bool]:
         """Tell of each of joint angles (n, 6) in turn whether anything comes too close."""
-        for start in range(0, len(qs), BLOCK):
-            block = qs[start : start + BLOCK]
-            near: Bools = np.ones((len(block), len(self.pairs)), dtype=np.bool_)
-            if len(block) >= FEW:
-                near = self._bounds_mm(block)[0] <= self.least_mm
-            of_pair: Bools = np.any(near, axis=0)
-            self._bodies.choose(of_pair)
-            for q, pairs in zip(block, near, strict=True):
-                yield bool(pairs.any()) and self._bodies.meets(q)
+        for start in range(0, len(qs), TOGETHER):
+            some = qs[start : start + TOGETHER]
+            frames = self._arm.link_frames(some) if len(some) >= FEW else None
+            for first in range(0, len(some), STRETCH):
+                block = slice(first, first + STRETCH)
+                yield from self._meet(some[block], frames and (frames[0][block], frames[1][block]))
+
+    def _meet(self, qs: Floats, frames: tuple[Floats, Floats] | None) -> Iterator[bool]:
+        """Tell it of joint angles (n, 6) near each other, with the frames of the links there."""
+        near: Bools = np.ones((len(qs), len(self.pairs)), dtype=np.bool_)
+        if frames is not None and len(qs) >= FEW:
+            near = self._bounds_mm(qs)[0] <= self.least_mm
+            pairs = np.flatnonzero(near.any(axis=0))
+            normals = self._bodies.normals_base(pairs)
+            kept_mm = self._planes.bounds_mm(*frames, pairs, normals) - SLACK_MM
+            near[:, pairs] &= ~(kept_mm > self.least_mm[pairs])
+        of_pair: Bools = np.any(near, axis=0)
+        self._bodies.choose(of_pair)
+        for q, looked_at in zip(qs, near.any(axis=1).tolist(), strict=True):
+            yield looked_at and self._bodies.meets(q)
 
     def _bounds_mm(self, qs: Floats) -> tuple[Floats, Floats]:
         """Return bounds (n, p) of the distance of every pair, from that at the middle one of n."""

@@ -1,0 +1,78 @@
+"""Least distances of convex bodies, from planes that separated them at a place near by.
+
+Two convex bodies are as far apart as the widest gap that a plane with any normal leaves between
+them (Gilbert 1988). So every normal tells a distance that they keep at least, and the one that is
+best at one place of the robot is nearly as good at the places about it.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rona_core.geometry.arrays import Floats, Ints
+from rona_core.robot.collision.coal_geometry import Pair
+from rona_core.robot.collision.collision_geometry import ConvexBody
+from rona_core.robot.collision.obstacles import Box, Capsule, Obstacle
+
+STANDING = 0  # the link that never moves: obstacles are in its frame, which is ``base``
+
+
+class SeparatingPlanes:
+    """Bounds of the distances of p pairs of bodies."""
+
+    def __init__(
+        self,
+        pairs: Sequence[Pair],
+        bodies: Sequence[ConvexBody],
+        things: Sequence[Obstacle],
+    ) -> None:
+        """Keep the corners of all bodies, in mm in the frames of their links."""
+        links = {thing.name: STANDING for thing in things}
+        links |= {body.name: body.link for body in bodies}
+        corners = {thing.name: _corners(thing) for thing in things}
+        corners |= {body.name: (body.vertices, 0.0) for body in bodies}
+        ends = [[pair.first for pair in pairs], [pair.second for pair in pairs]]
+        self._links: Ints = np.array([[links[name] for name in end] for end in ends], np.int64)
+        self._points = [_padded([corners[name][0] for name in end]) for end in ends]
+        self._rounding_mm = np.array([[corners[name][1] for name in end] for end in ends])
+
+    def bounds_mm(
+        self, rotations: Floats, places: Floats, chosen: Ints, normals_base: Floats
+    ) -> Floats:
+        """Return what some pairs keep apart at least, (n, k); NaN where a normal is.
+
+        Args:
+            rotations: Of the link frames, (n, 7, 3, 3).
+            places: Of the link frames, (n, 7, 3) in ``base``.
+            chosen: Which pairs, (k,).
+            normals_base: Unit vectors (k, 3) from the first body of each to the second, of planes
+                that separate them at the middle one of the n.
+        """
+        first, second = self._links[:, chosen]
+        # the planes go with the second body: in its frame the normals stay as they are
+        own = np.einsum("kji,kj->ki", rotations[len(rotations) // 2, second], normals_base)
+        normals = np.einsum("nkij,kj->nki", rotations[:, second], own)
+        turned = np.einsum("nkji,nkj->kni", rotations[:, first], normals)
+        before = (turned @ self._points[0][chosen].transpose(0, 2, 1)).max(axis=2).T
+        behind = (own[:, None] @ self._points[1][chosen].transpose(0, 2, 1)).min(axis=(1, 2))
+        apart = np.einsum("nki,nki->nk", normals, places[:, second] - places[:, first])
+        return apart + behind - before - self._rounding_mm[:, chosen].sum(axis=0)
+
+
+def _corners(thing: Obstacle) -> tuple[Floats, float]:
+    """Return points (n, 3) in ``base``, and how far the obstacle reaches beyond their hull."""
+    shape = thing.shape
+    if isinstance(shape, Capsule):
+        half = np.array((0.0, 0.0, 0.5 * shape.length_mm))
+        return thing.pose @ np.stack((-half, half)), shape.radius_mm
+    if isinstance(shape, Box):
+        signs = np.stack(np.meshgrid(*[(-0.5, 0.5)] * 3), axis=-1).reshape(-1, 3)
+        return thing.pose @ (signs * np.array(shape.size_mm)), 0.0
+    return thing.pose @ shape.vertices, 0.0
+
+
+def _padded(parts: Sequence[Floats]) -> Floats:
+    """Return point sets as one array (p, most, 3); the first point of a set fills it up."""
+    most = max((len(points) for points in parts), default=0)
+    rows = [np.concatenate((p, np.repeat(p[:1], most - len(p), axis=0))) for p in parts]
+    return np.array(rows).reshape(len(parts), most, 3)
