@@ -7,12 +7,12 @@ import numpy as np
 from scipy.sparse import csr_matrix, eye, kron
 
 from rona_core.geometry.arrays import Floats, readonly
-from rona_core.mapping.fitting.block_cholesky import BlockTridiagonal
+from rona_core.mapping.fitting.banded_cholesky import BandedMatrix
 
 STEP_MM = 1.0  # between nodes
 MOST_ACROSS = 120  # nodes across the shorter side: a wider field has larger steps
 MARGIN_CELLS = 6  # the field goes on beyond the samples
-ROWS = 2  # of the grid in a block: bending couples each row to two on either side
+ROWS = 2  # of the grid: bending couples each row to as many on either side
 
 
 @dataclass(frozen=True)
@@ -50,17 +50,14 @@ class FieldGrid:
         shape = (n, self.shape[0] * self.shape[1])
         return csr_matrix((weights.ravel(), (rows, columns.ravel())), shape=shape)
 
-    def blocks(self, matrix: csr_matrix) -> BlockTridiagonal:
-        """Return a matrix over the nodes as its blocks."""
-        size = ROWS * self.shape[1]
-        count = self.shape[0] // ROWS
+    def banded(self, matrix: csr_matrix) -> BandedMatrix:
+        """Return a symmetric matrix over the nodes as its bands."""
         entries = matrix.tocoo()
-        i, j = entries.row // size, entries.col // size
-        diagonal, below = np.zeros((count, size, size)), np.zeros((count - 1, size, size))
-        for where, blocks, on in ((i, diagonal, i == j), (j, below, i == j + 1)):
-            at = where[on], entries.row[on] % size, entries.col[on] % size
-            np.add.at(blocks, at, entries.data[on])
-        return BlockTridiagonal(diagonal, below)
+        depth = entries.row - entries.col
+        on = depth >= 0
+        bands = np.zeros((ROWS * self.shape[1] + 1, matrix.shape[0]), order="F")
+        bands[depth[on], entries.col[on]] = entries.data[on]
+        return BandedMatrix(bands)
 
 
 def grid_around(places_mm: Floats) -> FieldGrid:
@@ -78,7 +75,7 @@ def grid_around(places_mm: Floats) -> FieldGrid:
 
 
 @lru_cache(4)
-def bending(nu: int, nv: int, step_mm: float) -> BlockTridiagonal:
+def bending(nu: int, nv: int, step_mm: float) -> BandedMatrix:
     """Return the bending energy of fields over a grid, as precision of unit increments r² log r."""
 
     def differences(n: int, order: int) -> csr_matrix:
@@ -89,4 +86,4 @@ def bending(nu: int, nv: int, step_mm: float) -> BlockTridiagonal:
     twist = kron(differences(nu, 1), differences(nv, 1))
     energy = along.T @ along + across.T @ across + 2.0 * twist.T @ twist
     grid = FieldGrid(np.arange(nu, dtype=np.float64), np.arange(nv, dtype=np.float64), False)
-    return grid.blocks((energy / (8.0 * np.pi * step_mm**2)).tocsr())
+    return grid.banded((energy / (8.0 * np.pi * step_mm**2)).tocsr())

@@ -17,7 +17,7 @@ from scipy.interpolate import RectBivariateSpline
 from scipy.optimize import minimize_scalar
 
 from rona_core.geometry.arrays import Floats, readonly
-from rona_core.mapping.fitting.block_cholesky import BlockCholesky
+from rona_core.mapping.fitting.banded_cholesky import BandedCholesky
 from rona_core.mapping.fitting.field_grid import FieldGrid, bending, grid_around
 
 STIFFNESS = (1e-4, 1e8)  # that are looked at, noise over increments, squared
@@ -66,7 +66,7 @@ class PlateField:
     grid: FieldGrid
     trend: Quadric
     nodes_mm: Floats  # (nu, nv) heights over it
-    factor: BlockCholesky  # of the precision of the nodes
+    factor: BandedCholesky  # of the precision of the nodes
     loadings_mm: Floats  # (nu nv, k) what k unknowns of one deviation each do to the nodes
     scatter_mm: float  # of a sample about the field
     stiffness: float  # scatter over the size of increments, squared
@@ -121,12 +121,12 @@ def fit_field(
     bend = bending(*grid.shape, grid.step_mm)
     operator = grid.operator(places_mm)
     weighted = operator.T.multiply(weights).tocsr()
-    information = grid.blocks((weighted @ operator).tocsr()).held()
+    information = grid.banded((weighted @ operator).tocsr()).held()
     trend = fit_quadric(places_mm, heights_mm)
     over = heights_mm - trend.heights(places_mm)
     right = np.asarray(weighted @ over)
 
-    def solved(stiff: float) -> tuple[BlockCholesky, Floats, float]:
+    def solved(stiff: float) -> tuple[BandedCholesky, Floats, float]:
         factor = (information + bend * stiff).cholesky()
         nodes = factor.solve(right)
         off = over - operator @ nodes
@@ -150,7 +150,7 @@ def fit_field(
         grid=grid,
         trend=trend,
         nodes_mm=readonly(nodes.reshape(grid.shape)),
-        factor=BlockCholesky(factor.lower / scale, factor.below / scale),
+        factor=BandedCholesky(factor.bands / scale),
         loadings_mm=readonly(np.zeros((nodes.size, 0))),
         scatter_mm=scale,
         stiffness=stiffness,
@@ -185,7 +185,7 @@ def joined(plate: PlateField, more: SurfaceSamples) -> PlateField:
     operator_more = grid.operator(more.points_map[:, :2])
     across = operator_more.T.multiply(more.weights * more.upright).tocsr()
     seen = across @ operator_more.multiply(more.upright[:, None])
-    information = grid.blocks((weighted @ operator + seen).tocsr()).held()
+    information = grid.banded((weighted @ operator + seen).tocsr()).held()
     factor = (information + bend).cholesky()
     over = plate.samples_mm - plate.trend.heights(plate.places_mm)
     over_more = more.points_map[:, 2] - plate.trend.heights(more.points_map[:, :2])
