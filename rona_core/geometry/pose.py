@@ -12,6 +12,7 @@ from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, Vector3, as_floats, as_vector3, readonly
 
 ROTATION_TOLERANCE = 1e-6
+UNIT = readonly(np.eye(3))
 
 
 def as_rotations(rotations: ArrayLike) -> Floats:
@@ -26,13 +27,19 @@ def as_rotations(rotations: ArrayLike) -> Floats:
     if r.ndim == 2:
         error, handedness = _of_one_matrix(r)
     else:
-        error = float(np.abs(r @ np.swapaxes(r, -1, -2) - np.eye(3)).max(initial=0.0))
-        handedness = float(np.linalg.det(r).min(initial=1.0))
+        error = float(np.abs(r @ np.swapaxes(r, -1, -2) - UNIT).max(initial=0.0))
+        handedness = float(determinants(r).min(initial=1.0))
     if error > ROTATION_TOLERANCE or handedness < 0.0:
         raise InvalidInputError(
             f"not a rotation: R R' differs from the identity by {error:.2g} or is mirrored"
         )
     return r
+
+
+def determinants(matrices: Floats) -> Floats:
+    """Return the determinants (...) of matrices (..., 3, 3); LAPACK takes each by itself."""
+    (a, b, c), (d, e, f), (g, h, i) = np.moveaxis(matrices, (-2, -1), (0, 1))
+    return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
 
 
 def _of_one_matrix(matrix: Floats) -> tuple[float, float]:
@@ -230,9 +237,9 @@ class Poses:
         """
         if not len(self):
             raise InvalidInputError("the mean of no poses was asked for")
-        return Pose(
-            Rotation.from_matrix(self.rotations).mean().as_matrix(), self.translations.mean(axis=0)
-        )
+        u, _, vt = np.linalg.svd(self.rotations.mean(axis=0))
+        handed = np.sign(np.linalg.det(u @ vt))
+        return Pose(u @ np.diag((1.0, 1.0, handed)) @ vt, self.translations.mean(axis=0))
 
     def map_points(self, points: Floats) -> Floats:
         """Return points (m, 3) mapped by each of the n poses into the left frame, (n, m, 3)."""

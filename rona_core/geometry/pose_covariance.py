@@ -13,9 +13,10 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from rona_core.errors import InvalidInputError
-from rona_core.geometry.arrays import Floats, as_floats, as_points
+from rona_core.geometry.arrays import Floats, as_floats, as_points, dots
 from rona_core.geometry.pose import Pose
 
+TINY = 1e-300
 SYMMETRY = 1e-6  # relative; a covariance less symmetric than this, or less positive, is refused
 
 
@@ -29,7 +30,16 @@ def cross_matrices(vectors: Floats) -> Floats:
 
 def rotation_vectors(rotations: Floats) -> Floats:
     """Return the rotation vectors (n, 3) in radians of rotations (n, 3, 3)."""
-    return Rotation.from_matrix(rotations).as_rotvec()
+    across = 0.5 * (rotations - np.swapaxes(rotations, 1, 2))
+    vectors = np.stack((across[:, 2, 1], across[:, 0, 2], across[:, 1, 0]), axis=1)
+    sines = np.sqrt(dots(vectors, vectors))
+    cosines = 0.5 * (np.trace(rotations, axis1=1, axis2=2) - 1.0)
+    angles = np.arctan2(sines, cosines)
+    vectors *= np.where(sines > TINY, angles / np.maximum(sines, TINY), 1.0)[:, None]
+    wide = cosines < 0.0  # towards half a turn the sines vanish
+    if wide.any():
+        vectors[wide] = Rotation.from_matrix(rotations[wide]).as_rotvec()
+    return vectors
 
 
 def deviate(T_a_b: Pose, deviation: ArrayLike) -> Pose:

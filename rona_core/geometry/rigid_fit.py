@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Vector3, as_floats, as_points, readonly
-from rona_core.geometry.pose import Pose, Poses
+from rona_core.geometry.pose import Pose, Poses, determinants
 
 MIN_WIDTH = 0.01  # width over length of a point set; thinner sets leave a turn undetermined
 MAX_THICKNESS = 0.9  # thickness over width of a plane, or width over length of a line
@@ -96,7 +96,7 @@ def fit_rigid_many(points_a: ArrayLike, points_b: ArrayLike, there: ArrayLike) -
     mean_b = np.einsum("nm,nmi->ni", w, b) / count[:, None]
     from_mean_b = (b - mean_b[:, None]) * w[:, :, None]
     u, s, vt = np.linalg.svd(np.einsum("nmi,nmj->nij", from_mean_b, a - mean_a[:, None]))
-    handed = np.where(np.linalg.det(u @ vt) > 0.0, 1.0, -1.0)
+    handed = np.where(determinants(u @ vt) > 0.0, 1.0, -1.0)
     strength = s[:, 1] + handed * s[:, 2]
     weak = strength <= MIN_WIDTH**2 * s[:, 0]
     if weak.any():
@@ -186,7 +186,7 @@ def _checked(
 
 
 def _result(a: Floats, b: Floats, w: Floats, rotations: Floats, translations: Floats) -> ManyFits:
-    poses = Poses(rotations, translations)
+    poses = Poses.unchecked(rotations, translations)
     squares = ((poses.map_points(a) - b) ** 2).sum(axis=2) * w
     rms_mm = np.sqrt(squares.sum(axis=1) / w.sum(axis=1))
     return ManyFits(poses, readonly(rms_mm))

@@ -55,10 +55,10 @@ def disc_field(radius_mm: float, distance_mm: float, offsets_mm: Floats, k: Comp
     """Return the field (m, f) of a disc of unit pressure at ``offsets_mm`` (m,) from its axis."""
     nodes, shares = np.polynomial.legendre.leggauss(SOURCE_RADII)
     r = radius_mm * (nodes + 1.0) / 2.0
-    area = shares * radius_mm / 2.0 * r * 2.0 * np.pi / SOURCE_ANGLES
-    angle = 2.0 * np.pi * (np.arange(SOURCE_ANGLES) + 0.5) / SOURCE_ANGLES
+    area = shares * radius_mm / 2.0 * r * 4.0 * np.pi / SOURCE_ANGLES  # of both halves of the disc
+    angle = 2.0 * np.pi * (np.arange(SOURCE_ANGLES // 2) + 0.5) / SOURCE_ANGLES
     x, y = np.outer(r, np.cos(angle)).ravel(), np.outer(r, np.sin(angle)).ravel()
-    area = np.repeat(area, SOURCE_ANGLES)
+    area = np.repeat(area, SOURCE_ANGLES // 2)
     field = np.zeros((len(offsets_mm), len(k)), dtype=np.complex128)
     for i, offset in enumerate(offsets_mm):
         path = np.sqrt((x - offset) ** 2 + y**2 + distance_mm**2)

@@ -67,7 +67,7 @@ class CorrectedMotion:
                 i += 1
             since_s, reached_s, share = knots[i]
             reached.append(min(reached_s + share * max(time_s - since_s, 0.0), end_s))
-        return np.array(reached), np.array([self._axis.travel_mm(time_s) for time_s in times])
+        return np.array(reached), np.array(self._axis.travels_mm(times))
 
     def _until(self, time_s: float) -> float:
         """Return a time, at latest that of the stop or of the last command."""
@@ -85,7 +85,7 @@ class CorrectedMotion:
             return sheet[self._levels.index(travel_mm)]
         # the polynomial through the levels, barycentric
         terms = self._weights / (travel_mm - self.travels_mm)
-        return terms @ sheet / terms.sum()
+        return terms @ sheet / np.add.reduce(terms)
 
     @property
     def end_s(self) -> float:

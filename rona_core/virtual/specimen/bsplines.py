@@ -13,8 +13,10 @@ def cubic_weights(t: Floats) -> Floats:
         t: Place between the second and the third node, 0 to 1, any shape.
     """
     one = 1.0 - t
-    value = (one**3, 3 * t**3 - 6 * t**2 + 4, 3 * one**3 - 6 * one**2 + 4, t**3)
-    slope = (-(one**2) / 2, 1.5 * t**2 - 2 * t, -1.5 * one**2 + 2 * one, t**2 / 2)
+    t2, one2 = t * t, one * one
+    t3, one3 = t * t2, one * one2
+    value = (one3, 3 * t3 - 6 * t2 + 4, 3 * one3 - 6 * one2 + 4, t3)
+    slope = (-one2 / 2, 1.5 * t2 - 2 * t, -1.5 * one2 + 2 * one, t2 / 2)
     bend = (one, 3 * t - 2, 3 * one - 2, t)
     return np.stack((np.stack(value, -1) / 6.0, np.stack(slope, -1), np.stack(bend, -1)))
 

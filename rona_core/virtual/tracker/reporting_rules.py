@@ -80,7 +80,7 @@ def report_tool(
     partly = fitted & np.asarray((facing & ~inside).any(axis=1))
     statuses[partly] = "partially_out_of_volume"
     rotations, translations, rms_error_mm = poses
-    return ToolReports(statuses, fitted, Poses(rotations, translations), rms_error_mm)
+    return ToolReports(statuses, fitted, Poses.unchecked(rotations, translations), rms_error_mm)
 
 
 def _keep(poses: tuple[Floats, Floats, Floats], rows: Ints, fits: ManyFits) -> None:

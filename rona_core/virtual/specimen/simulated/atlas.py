@@ -85,8 +85,10 @@ class Chart:
         nodes = tile[(cell[:, 0, None] + reach)[:, :, None], (cell[:, 1, None] + reach)[:, None, :]]
         wa, wb = weights[:, :, 0], weights[:, :, 1]
 
+        along_b = [(nodes @ w[:, :, None])[:, :, 0] for w in wb]
+
         def derived(i: int, j: int) -> Floats:
-            rho = np.einsum("ni,nij,nj->n", wa[i], nodes, wb[j])
+            rho = np.einsum("ni,ni->n", wa[i], along_b[j])
             return rho[:, None] / self.step ** (i + j)
 
         e0, e1, e2 = self.axes
@@ -186,10 +188,13 @@ def _descend(chart: Chart, v: Floats, slopes: Floats) -> Floats:
         metric = np.einsum("nai,nbi->nab", first[busy], first[busy])
         hessian = metric + np.einsum("nabi,ni->nab", second[busy], off[busy])
         size = metric[:, 0, 0] + metric[:, 1, 1]
-        lack = LEAST_BEND - np.linalg.eigvalsh(hessian)[:, 0] / size
-        lift = size * np.maximum(damping[busy], lack)
-        hessian += np.maximum(lift, 0.0)[:, None, None] * np.eye(2)
-        step = -np.linalg.solve(hessian, gradient[..., None])[..., 0]
+        aa, ab, bb = hessian[:, 0, 0], hessian[:, 0, 1], hessian[:, 1, 1]
+        least = 0.5 * (aa + bb) - np.hypot(0.5 * (aa - bb), ab)  # of its eigenvalues
+        lift = np.maximum(size * np.maximum(damping[busy], LEAST_BEND - least / size), 0.0)
+        aa, bb = aa + lift, bb + lift
+        by_a, by_b = gradient.T
+        step = np.stack((ab * by_b - bb * by_a, ab * by_a - aa * by_b), axis=1)
+        step /= (aa * bb - ab * ab)[:, None]
         trial = np.clip(slopes[busy] + step, -chart.half, chart.half)
         p, f, s = chart.surface(trial)
         o = p - v[busy]
