@@ -52,13 +52,21 @@ class Truth:
         rest = scene.T_base_skull
         self.T_base_skull = Pose(rest.rotation, rest.translation + head_base)
         self._T_skull_base = self.T_base_skull.inv()
+        self._feet: dict[bytes, tuple[Floats, Floats]] = {}  # of points that were asked for
 
     def foot(self, points_base: ArrayLike) -> tuple[Floats, Floats]:
-        """Return the nearest points (n, 3) of the outer surface and the outward normals there."""
-        specimen = self.scene.specimen
-        foot_skull = specimen.closest(self._T_skull_base @ as_points(points_base))
-        normals = self.T_base_skull.rotate(specimen.normal(foot_skull))
-        return self.T_base_skull @ foot_skull, normals
+        """Return the nearest points (n, 3) of the outer surface and the outward normals there.
+
+        Several figures look at the same cells: what was found for them is kept.
+        """
+        points = as_points(points_base)
+        key = points.tobytes()
+        if key not in self._feet:
+            specimen = self.scene.specimen
+            foot_skull = specimen.closest(self._T_skull_base @ points)
+            normals = self.T_base_skull.rotate(specimen.normal(foot_skull))
+            self._feet[key] = readonly(self.T_base_skull @ foot_skull), readonly(normals)
+        return self._feet[key]
 
     def signed_distance_mm(self, points_base: ArrayLike) -> Floats:
         """Return the distance (n,) to the outer surface along its normal, positive outside."""

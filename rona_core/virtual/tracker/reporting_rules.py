@@ -153,10 +153,11 @@ def _fit_swapped(
 
 def _spread_enough(geometry: MarkerGeometry, used: Bools) -> Bools:
     """Return in which frames (n,) the markers used (n, m) lie far enough apart."""
-    patterns, of_row = np.unique(used, axis=0, return_inverse=True)
+    numbers = used @ (1 << np.arange(used.shape[1]))  # of the patterns, as binary digits
+    _, first, of_row = np.unique(numbers, return_index=True, return_inverse=True)
     model = geometry.positions_marker
-    enough = [_spread(model[pattern].tobytes(), geometry.dof) for pattern in patterns]
-    return np.array(enough, dtype=np.bool_)[of_row.reshape(-1)]
+    enough = [_spread(model[pattern].tobytes(), geometry.dof) for pattern in used[first]]
+    return np.array(enough, dtype=np.bool_)[of_row]
 
 
 @lru_cache(maxsize=256)

@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rona_core.evaluation.figures import rms
+from rona_core.evaluation.truth import Truth
 from rona_core.path.manual_edits import PathEdits
 from rona_core.robot.trajectory.trajectory import Trajectory
 from rona_core.session.codec import digest
@@ -196,7 +197,24 @@ def test_the_true_normal_is_that_below_the_face_of_the_probe():
     smooth = truth.foot(points)[1]
     np.testing.assert_allclose(truth.face_normals(points, 5.0), smooth, atol=1e-6)
     truth.scene.specimen = Rough(truth.scene.specimen)
-    rough = truth
+    rough = Truth(truth.scene)
     at_points, below = rough.foot(points)[1], rough.face_normals(points, 5.0)
     off = [np.linalg.norm(np.cross(found, smooth), axis=1) for found in (at_points, below)]
     assert rms(off[1]) < 0.4 * rms(off[0])
+
+
+def test_the_feet_of_the_same_points_are_looked_for_once(monkeypatch):
+    truth = truth_of(2)
+    points = truth.region_points(6.0)
+    asked, closest = [], type(truth.scene.specimen).closest
+
+    def counted(self, points_skull):
+        asked.append(len(points_skull))
+        return closest(self, points_skull)
+
+    monkeypatch.setattr(type(truth.scene.specimen), "closest", counted)
+    first, again = truth.foot(points), truth.foot(points.copy())
+    assert asked == [len(points)]
+    np.testing.assert_array_equal(first, again)
+    truth.foot(points[1:])
+    assert asked == [len(points), len(points) - 1]

@@ -7,6 +7,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.pose import Pose, Poses
+from rona_core.geometry.pose_covariance import rotation_vectors
 from tests.helpers.strategies import angle_rad, near_identity_pose, random_pose, random_poses, seeds
 
 few = settings(max_examples=30, deadline=None)
@@ -153,3 +154,17 @@ def test_one_matrix_is_judged_as_a_batch_of_it_is(seed, size, mirrored):
             except InvalidInputError:
                 accepted.append(False)
     assert accepted == [size < 1e-6 and not mirrored] * 2
+
+
+def test_mean_and_rotation_vectors_are_those_of_scipy():
+    rng = np.random.default_rng(4)
+    about = Rotation.random(rng=rng)
+    for spread in (1e-9, 0.2, 3.0):
+        turns = Rotation.from_rotvec(rng.normal(0.0, spread, (60, 3))) * about
+        mean = Poses(turns.as_matrix(), rng.normal(size=(60, 3))).mean()
+        np.testing.assert_allclose(mean.rotation, turns.mean().as_matrix(), atol=1e-12)
+        off = turns * about.inv()
+        np.testing.assert_allclose(
+            rotation_vectors(off.as_matrix()), off.as_rotvec(), rtol=1e-6, atol=1e-12
+        )
+    assert (rotation_vectors(np.eye(3)[None]) == 0.0).all()

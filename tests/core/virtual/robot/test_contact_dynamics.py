@@ -81,3 +81,11 @@ def test_the_filter_delays_by_one_over_two_pi_its_frequency():
 def test_a_spring_without_stiffness_is_refused():
     with pytest.raises(InvalidInputError):
         ContactSpring(0.0)
+
+
+def test_travels_at_several_times_are_those_at_each():
+    axis = LaggingAxis(0.03, 0.05, limit_mm=1.0)
+    for step in range(20):
+        axis.command(0.1 * step, (-1) ** step * 6.0 + step)
+    times = np.linspace(-0.2, 3.0, 200)
+    assert axis.travels_mm(times.tolist()) == [axis.travel_mm(float(t)) for t in times]
