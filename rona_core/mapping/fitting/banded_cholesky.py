@@ -4,6 +4,9 @@ A field on a grid whose cells depend on near ones alone has such a precision. Co
 number of rows and the square of the width of the band.
 """
 
+# pyright: reportAttributeAccessIssue=false
+# (the routines of BLAS and LAPACK come from compiled modules without stubs)
+
 from dataclasses import dataclass
 
 import numpy as np

@@ -55,7 +55,7 @@ class FieldGrid:
         entries = matrix.tocoo()
         depth = entries.row - entries.col
         on = depth >= 0
-        bands = np.zeros((ROWS * self.shape[1] + 1, matrix.shape[0]), order="F")
+        bands = np.zeros((ROWS * self.shape[1] + 1, self.shape[0] * self.shape[1]), order="F")
         bands[depth[on], entries.col[on]] = entries.data[on]
         return BandedMatrix(bands)
 

@@ -177,9 +177,10 @@ class CollisionWorld:
             kept_mm = self._planes.bounds_mm(*frames, pairs, normals) - SLACK_MM
             near[:, pairs] &= ~(kept_mm > self.least_mm[pairs])
         of_pair: Bools = np.any(near, axis=0)
+        of_place: Bools = np.any(near, axis=1)
         if of_pair.any():
             self._bodies.choose(of_pair)
-        for q, looked_at in zip(qs, near.any(axis=1).tolist(), strict=True):
+        for q, looked_at in zip(qs, of_place.tolist(), strict=True):
             yield looked_at and self._bodies.meets(q)
 
     def _bounds_mm(self, qs: Floats) -> tuple[Floats, Floats]:
