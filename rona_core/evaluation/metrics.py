@@ -30,6 +30,7 @@ from rona_core.evaluation.navigation_metrics import (
 from rona_core.evaluation.path_metrics import normal_figures, plan_figures, smoothing_figures
 from rona_core.evaluation.scan_metrics import (
     contact_figures,
+    detected_passes,
     detection_figures,
     head_shift_figures,
 )
@@ -40,9 +41,7 @@ from rona_core.virtual.rig import build_scene
 from rona_core.virtual.scene import VirtualScene
 
 if TYPE_CHECKING:
-    from rona_core.session.captures import ScanCapture
     from rona_core.session.document import Session
-    from rona_core.ultrasound.detection.detect import Detection
 
 KEYS = (
     "tool_tip_error_mm",
@@ -224,12 +223,8 @@ def _scan(session: "Session", truth: Truth) -> Figures:
         figures["scan_points"] = len(scan.scans)
         figures |= contact_figures(scan)
         figures |= head_shift_figures(session, truth)
-        first, again = results.detection, results.second_detection
-        if first is not None and _made_of(first, "capture", scan):
-            passes: list[tuple[Detection, tuple[ScanCapture, ...]]] = [(first.value, (scan,))]
-            further = session.captures.second
-            if again is not None and further and _made_of(again, "capture", further):
-                passes.append((again.value, further))
+        passes = detected_passes(session)
+        if passes:
             figures |= detection_figures(passes, truth)
             figures |= speed_figures(session, truth)
     if session.captures.second:

@@ -5,7 +5,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rona_core.app.dependencies.staleness import digest_of
+from rona_core.app.steps.acoustics.thickness_uncertainty import at_speed_of_maps
 from rona_core.app.steps.scan.head_view import head_report
+from rona_core.app.steps.scan.probe_poses import probe_poses_of
 from rona_core.devices.wrench import summarize
 from rona_core.evaluation.figures import Figures
 from rona_core.evaluation.truth import Truth
@@ -30,7 +33,8 @@ def detection_figures(
     Those of further passes count like those of the first.
 
     Args:
-        passes: What was detected in the A-scans of captures, one capture after the other.
+        passes: What was detected in the A-scans of captures, one capture after the other; their
+            thickness counts as it is, at the speed that it was taken with.
         truth: Of the same session.
     """
     flagged = np.concatenate([detection.flag != 0 for detection, _ in passes])
@@ -52,6 +56,26 @@ def detection_figures(
         "unflagged_failure_fraction": float(wrong[~flagged].mean()) if (~flagged).any() else None,
         "flagged_fraction": float(flagged.mean()),
     }
+
+
+def detected_passes(session: "Session") -> "list[tuple[Detection, tuple[ScanCapture, ...]]]":
+    """Return what was found in the A-scans of each pass, its thickness at the speed of the maps.
+
+    Without a pass that was taken again since it was looked through.
+    """
+    scan, passes = session.captures.scan, list["tuple[Detection, tuple[ScanCapture, ...]]"]()
+    first, again = session.results.detection, session.results.second_detection
+    if scan is None or first is None or first.inputs.get("capture") != digest_of(scan):
+        return passes
+    passes.append((first.value, (scan,)))
+    further = session.captures.second
+    if again is not None and further and again.inputs.get("capture") == digest_of(further):
+        passes.append((again.value, further))
+    poses = [[probe_poses_of(session, one) for one in scans] for _, scans in passes]
+    return [
+        (at_speed_of_maps(session, found, Poses.joined([p for p in told if p is not None])), scans)
+        for (found, scans), told in zip(passes, poses, strict=True)
+    ]
 
 
 def contact_figures(scan: "ScanCapture") -> Figures:

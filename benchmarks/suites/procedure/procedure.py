@@ -2,7 +2,7 @@
 
 Each run is ``rona_core.compose.run_demo``; docs/metrics.md says what each figure means, and
 ``robot_share`` and ``published_speed`` here what ``outer_robot_rms_mm`` and
-``thickness_published_speed_rms_mm`` are.
+``thickness_published_speed_rms_mm`` and ``unflagged_failure_published_speed_fraction`` are.
 """
 
 import os
@@ -17,8 +17,9 @@ from rona_core.app.overview.acceptance import FIGURES
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.compose import DemoSkull, build_virtual_rig, new_workbench, run_demo
 from rona_core.devices.world_settings import REALISTIC_WORLD, WorldSettings
-from rona_core.evaluation.figures import rms
+from rona_core.evaluation.figures import Figures, rms
 from rona_core.evaluation.maps.map_metrics import outer_errors_mm, thickness_errors_mm
+from rona_core.evaluation.scan_metrics import detected_passes, detection_figures
 from rona_core.evaluation.truth import truth_of
 from rona_core.session.document import Session
 
@@ -71,6 +72,7 @@ KEYS = (
     "inner_coverage_one_pass_fraction",
     "inner_coverage_fraction",
     "unflagged_failure_fraction",
+    "unflagged_failure_published_speed_fraction",
     "detection_failure_fraction",
     "flagged_fraction",
 )
@@ -80,7 +82,7 @@ def _aim(key: str) -> Aim:
     """Return the aim for a figure: the limit that the program judges it by."""
     kind = FIGURES.get(key)
     if kind is None:
-        return Aim(key, "mm", "lower")
+        return Aim(key, "share" if key.endswith("_fraction") else "mm", "lower")
     direction: Direction = "lower" if kind.sense == "at most" else "higher"
     return Aim(key, kind.unit or "share", direction, kind.limit, kind.paper)
 
@@ -117,22 +119,27 @@ def _judged(specimen: str, session: Session, figures: Mapping[str, object]) -> R
     return Run(specimen, session.setup.seed, {**figures, **more})
 
 
-def published_speed(session: Session) -> dict[str, float | None]:
-    """Return the error of the thickness without reference points: at the published mean speed.
+def published_speed(session: Session) -> Figures:
+    """Return figures of the thickness without reference points: at the published mean speed.
 
-    All else is as it was. None where there is no such map, or no thickness in it.
+    The error of the map, and the share of unflagged A-scans that are wrong by over 1 mm. All else
+    is as it was. None where there is no such map, or no thickness in it.
     """
-    key = "thickness_published_speed_rms_mm"
+    error, wrong = "thickness_published_speed_rms_mm", "unflagged_failure_published_speed_fraction"
     if session.results.maps is None:
-        return {key: None}
+        return {error: None, wrong: None}
     bench = new_workbench(session.with_capture("references", None).with_result("speed", None))
     try:
         bench.run(StartMapping())
-        made = bench.session.results.maps
+        without = bench.session
     finally:
         bench.close()
-    truth = truth_of(session, build_virtual_rig(session.setup).scene)
-    return {key: None if made is None else rms(thickness_errors_mm(made.value, truth))}
+    made, truth = without.results.maps, truth_of(session, build_virtual_rig(session.setup).scene)
+    failures = detection_figures(detected_passes(without), truth)["unflagged_failure_fraction"]
+    return {
+        error: None if made is None else rms(thickness_errors_mm(made.value, truth)),
+        wrong: failures,
+    }
 
 
 def robot_share(session: Session) -> dict[str, float | None]:

@@ -16,11 +16,13 @@ from rona_core.session.document import Session
 from rona_core.session.memo import remember
 from rona_core.ultrasound.acoustic_calibration.reference_points import (
     ReferenceProposal,
+    at_speed,
     propose_references,
 )
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
     LEAST_POINTS,
     SpeedCalibration,
+    speed_at,
     uncalibrated,
 )
 from rona_core.ultrasound.acoustic_calibration.speed_uncertainty import speed_uncertainty
@@ -65,6 +67,26 @@ def speed_of_maps(session: Session, *, hand: bool = False) -> SpeedCalibration |
     if results.sono_maps is not None and hand and results.sono_maps.value.frame != "base":
         return None
     return speed.value if maps.inputs.get("speed") == digest(speed.value) else None
+
+
+def at_speed_of_maps(
+    session: Session, detection: Detection, poses: Poses, *, hand: bool = False
+) -> Detection:
+    """Return a detection with its thicknesses as the maps have them: at the speed of each place.
+
+    As it is where the maps are at the speed that it was detected with, or there are none.
+
+    Args:
+        session: Holds the maps and the calibration that they were made with.
+        detection: What was found in n A-scans.
+        poses: Of the probe at those (n,), in ``base``.
+        hand: The maps of the hand scan are meant.
+    """
+    known = speed_of_maps(session, hand=hand)
+    if known is None or not len(detection):
+        return detection
+    places = boundary_points(detection, poses)[0]
+    return at_speed(detection, speed_at(known, places)[0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

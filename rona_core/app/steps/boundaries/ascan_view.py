@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rona_core.app.steps.acoustics.thickness_uncertainty import speed_of_maps
 from rona_core.app.steps.boundaries.handlers import detection_of_scan, scans_of
 from rona_core.app.steps.handheld.derivation import hand_poses
 from rona_core.app.steps.maps.derivation import probe_poses
@@ -17,9 +18,10 @@ from rona_core.devices.samples import AScan, AScanTrack
 from rona_core.devices.settings import ProbeSettings
 from rona_core.geometry.arrays import Bools, Floats, readonly
 from rona_core.geometry.pose import Poses
+from rona_core.mapping.build_maps import boundary_points
 from rona_core.session.document import Session
 from rona_core.session.memo import remember
-from rona_core.ultrasound.acoustic_calibration.speed_calibration import uncalibrated
+from rona_core.ultrasound.acoustic_calibration.speed_calibration import speed_at, uncalibrated
 from rona_core.ultrasound.acoustic_calibration.speed_uncertainty import speed_uncertainty
 from rona_core.ultrasound.detection.ascan_curves import ScanImage, preview, scan_image
 from rona_core.ultrasound.detection.detect import Detection, nominal_bone
@@ -161,8 +163,9 @@ def _judged(
     known = plot.outer_us is not None
     fine = known and plot.inner_us is not None
     by_hand = bool(session.boundary_edits.marks(scan, len(found))[i])
+    thickness_mm, sigma_mm, speed = _thickness(session, scan, found, i)
     if fine:
-        words = f"bone {found.thickness_mm[i]:.2f} ± {_thickness_sigma_mm(found, i):.2f} mm"
+        words = f"bone {thickness_mm:.2f} ± {sigma_mm:.2f} mm"
         words += (
             ", set by hand" if by_hand else f", confidence {100 * found.inner_quality[i]:.0f} %"
         )
@@ -172,8 +175,8 @@ def _judged(
     if known and found.alternative_quality[i] >= WORTH_TELLING:
         other = float(found.alternative_us[i])
         words += (
-            f". Other echo at {(other - found.outer_us[i]) * found.sound_speed_mm_per_us / 2:.2f} "
-            f"mm ({100 * found.alternative_quality[i]:.0f} %)"
+            f". Other echo at {(other - found.outer_us[i]) * speed / 2:.2f} mm "
+            f"({100 * found.alternative_quality[i]:.0f} %)"
         )
     early, late = gate_us(probe)
     first, last = bone_gate_us(probe, nominal_bone(found.sound_speed_mm_per_us))
@@ -193,14 +196,27 @@ def _judged(
     )
 
 
-def _thickness_sigma_mm(found: Detection, i: int) -> float:
-    """Return how sure a thickness is at the speed that echoes are looked for with.
+def _thickness(
+    session: Session, scan: ScanName, found: Detection, i: int
+) -> tuple[float, float, float]:
+    """Return thickness and sigma in mm of one A-scan as the maps have them, and its speed.
 
-    That is published, or asked for in words; how well it suits the place nobody knows.
+    Where no caliper told the speed it is published, or asked for in words; how well it suits the
+    place nobody knows.
     """
-    patient, place = speed_uncertainty(uncalibrated(), np.zeros((1, 3)))
-    by_speed = float(found.thickness_mm[i] * np.hypot(patient, place)[0])
-    return float(np.hypot(found.thickness_sigma_mm[i], by_speed))
+    hand = scan == "hand"
+    known, poses = speed_of_maps(session, hand=hand), scan_poses(session, scan)
+    if known is None or poses is None or len(poses) != len(found):
+        speed, place = found.sound_speed_mm_per_us, np.zeros((1, 3))
+        known = uncalibrated()
+    else:
+        place = boundary_points(found, poses)[0][i : i + 1]
+        speed = float(speed_at(known, place)[0][0])
+    thickness_mm = float(found.thickness_mm[i] * speed / found.sound_speed_mm_per_us)
+    by_echo = found.thickness_sigma_mm[i] * speed / found.sound_speed_mm_per_us
+    by_patient, by_place = speed_uncertainty(known, place)
+    by_speed = thickness_mm * np.hypot(by_patient, by_place)[0]
+    return thickness_mm, float(np.hypot(by_echo, by_speed)), speed
 
 
 def scan_picture(session: Session, scan: ScanName = "first") -> ScanPicture | None:
