@@ -1,7 +1,7 @@
 """Markups of the maps for 3D Slicer (``.mrk.json``): rim of the mapped bone, thinnest, thickest."""
 
 import json
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -29,19 +29,25 @@ def maps_markups(sheet: MapSheet) -> bytes:
     thickness, sigma = sheet.thickness_mm().ravel(), sheet.sigma_mm("thickness")["total"].ravel()
     ends = {"thinnest": int(np.nanargmin(thickness)), "thickest": int(np.nanargmax(thickness))}
     labels = [f"{name} {_words(thickness[cell], sigma[cell])}" for name, cell in ends.items()]
-    rim = _markup(
-        "ClosedCurve", "mapped bone", points[loop], [f"rim-{i + 1}" for i in range(len(loop))]
-    )
-    named = _markup("Fiducial", "bone thickness", points[list(ends.values())], labels)
-    return json.dumps({"@schema": SCHEMA_URI, "markups": [rim, named]}, indent=1).encode("ascii")
+    rim = closed_curve("mapped bone", points[loop], "rim")
+    named = markup("Fiducial", "bone thickness", points[list(ends.values())], labels)
+    return markups_file(rim, named)
 
 
-def _words(thickness_mm: float, sigma_mm: float) -> str:
-    known = f" +/- {sigma_mm:.2f}" if np.isfinite(sigma_mm) else ""
-    return f"{thickness_mm:.2f}{known} mm"
+def markups_file(*markups: dict[str, Any]) -> bytes:
+    """Return a file of markups."""
+    return json.dumps({"@schema": SCHEMA_URI, "markups": markups}, indent=1).encode("ascii")
 
 
-def _markup(kind: str, name: str, points: Floats, labels: list[str]) -> dict[str, Any]:
+def closed_curve(name: str, points: Floats, label: str) -> dict[str, Any]:
+    """Return a closed curve through points (n, 3), which are numbered."""
+    return markup("ClosedCurve", name, points, [f"{label}-{i + 1}" for i in range(len(points))])
+
+
+def markup(
+    kind: Literal["ClosedCurve", "Line", "Fiducial"], name: str, points: Floats, labels: list[str]
+) -> dict[str, Any]:
+    """Return a markup with control points (n, 3), in mm, and their labels (n,)."""
     controls = [
         {"id": str(number), "label": label, "position": place, "positionStatus": "defined"}
         for number, (label, place) in enumerate(zip(labels, points.tolist(), strict=True), 1)
@@ -53,6 +59,11 @@ def _markup(kind: str, name: str, points: Floats, labels: list[str]) -> dict[str
         "coordinateUnits": "mm",
         "controlPoints": controls,
     }
+
+
+def _words(thickness_mm: float, sigma_mm: float) -> str:
+    known = f" +/- {sigma_mm:.2f}" if np.isfinite(sigma_mm) else ""
+    return f"{thickness_mm:.2f}{known} mm"
 
 
 def _longest_loop(edges: np.ndarray) -> list[int]:

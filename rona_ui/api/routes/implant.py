@@ -40,6 +40,16 @@ def get_bed_body(bench: Bench) -> Response:
     return _file(bench, "bed.stl")
 
 
+@router.get("/sessions/{session_id}/bed/markups", response_class=Response, responses=FILE)
+def get_bed_markups(bench: Bench) -> Response:
+    """Download outline, axis, screws and thinnest place of the bed for 3D Slicer (`.mrk.json`).
+
+    In `base`, in mm, coordinate system `LPS`. Refused while there is no bed, while it is stale, and
+    where it does not lie wholly in the maps.
+    """
+    return _file(bench, "bed.mrk.json")
+
+
 @router.get("/sessions/{session_id}/bed/motion", response_class=Response, responses=FILE)
 def get_bed_motion(bench: Bench, format: MotionFormat = "csv") -> Response:
     """Download how the robot mills the bed: joint angles in rad over time in s, from home to home.

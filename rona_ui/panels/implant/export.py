@@ -9,8 +9,8 @@ from rona_ui.presentation.snapshot import Snapshot
 
 EXPLANATION = (
     "Milling path in the frame of the bed (mm), as a table or as G-code; body that is milled away "
-    "in the robot's base (.stl); certified motion of the robot (rad, s), as a table or, for UR "
-    "arms, as URScript."
+    "in the robot's base (.stl), and its outline, axis, screws and thinnest place for 3D Slicer "
+    "(.mrk.json); certified motion of the robot (rad, s), as a table or, for UR arms, as URScript."
 )
 
 

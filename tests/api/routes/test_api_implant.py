@@ -56,7 +56,15 @@ def test_the_bed_is_a_closed_body_where_the_implant_goes(web, client, demo):
     assert np.abs(off[:, :2].mean(axis=0)).max() < 0.5
 
 
-@pytest.mark.parametrize("path", ["/bed/path", "/bed/stl"])
+def test_markups_of_the_bed_are_in_the_frame_of_the_base(web, client, demo):
+    answer = client.get(f"/sessions/{demo}/bed/markups")
+    assert "bed.mrk.json" in answer.headers["content-disposition"]
+    placed = milling_view(web.hub.get(demo).session).placed
+    *_, last = answer.json()["markups"]
+    np.testing.assert_allclose(last["controlPoints"][0]["position"], placed.thinnest_base)
+
+
+@pytest.mark.parametrize("path", ["/bed/path", "/bed/stl", "/bed/markups"])
 def test_without_a_bed_it_says_what_to_do_first(at, path):
     answer = at("GET", path)
     assert (answer.status_code, answer.json()["code"]) == (409, "step_blocked")

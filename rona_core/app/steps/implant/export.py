@@ -1,15 +1,17 @@
-"""Files of a bed for other programs: milling path, body that is milled away, robot's motion."""
+"""Files of a bed for other programs: milling path, milled body, markups, robot's motion."""
 
 from collections.abc import Callable
 
+from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.steps.implant.milling_motion import (
     milling_motion,
     milling_plan_of,
     milling_stale,
     require_certified,
 )
-from rona_core.app.steps.implant.view import milling_view
+from rona_core.app.steps.implant.view import WANTED, milling_view
 from rona_core.errors import NotFoundError
+from rona_core.planning.implants.bed_markups import bed_markups
 from rona_core.planning.milling.path_files import bed_stl, path_csv, path_gcode
 from rona_core.robot.planning.motion_files import UR_ARMS, Pause, joints_csv, urscript
 from rona_core.session.document import Session
@@ -29,6 +31,14 @@ def _gcode(session: Session) -> bytes:
 def _stl(session: Session) -> bytes:
     view = milling_view(session)
     return bed_stl(view.bed, view.placed.T_base_bed)
+
+
+def _markups(session: Session) -> bytes:
+    view = milling_view(session)
+    placed = view.placed
+    thinnest = require_result(placed.thinnest_base, WANTED)
+    residual_mm = require_result(placed.residual_mm, WANTED)
+    return bed_markups(view.implant, placed.T_base_bed, thinnest, residual_mm)
 
 
 def _joints(session: Session) -> bytes:
@@ -59,6 +69,7 @@ MAKERS: dict[str, Callable[[Session], bytes]] = {
     "bed_path.csv": _csv,
     "bed_path.gcode": _gcode,
     "bed.stl": _stl,
+    "bed.mrk.json": _markups,
     "milling_joints.csv": _joints,
     URSCRIPT: _urscript,
 }
@@ -79,7 +90,7 @@ def offered(session: Session) -> tuple[str, ...]:
 
 
 def export_bed(session: Session, name: str) -> bytes:
-    """Return a file of the bed; the path is in ``bed``, the body in ``base``, both in mm.
+    """Return a file of the bed; the path is in ``bed``, body and markups in ``base``, in mm.
 
     The motion of the robot is given as joint angles in rad over time in s, certified or not at all.
 
