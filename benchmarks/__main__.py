@@ -49,6 +49,7 @@ SUITES: Mapping[str, str] = {
     "placement": "implant",
     "beds": "implant",
     "rehearsal": "implant",
+    "bed_lines": "implant",
 }
 Case = Literal["default", "full", "smallest"]
 COLUMNS = ("figure", "value", "unit", "goal", "peer", "holds")

@@ -209,6 +209,11 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
         "suites.implant.rehearsal.FILES": (DEMO,),
         "suites.implant.rehearsal.DEEP_BEDS": 0,
     },
+    "bed_lines": {
+        "suites.implant.bed_lines.SEEDS": (),
+        "suites.implant.bed_lines.FILES": (DEMO,),
+        "suites.implant.bed_lines.KINDS": ("best lines",),
+    },
     "accuracy": {
         **ONCE,
         "suites.accuracy.accuracy.SEEDS": (),

@@ -8,6 +8,7 @@ so that its sound meets the inner table squarely. See docs/algorithms/maps/secon
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.ndimage import (
     binary_closing,
     binary_dilation,
@@ -17,7 +18,7 @@ from scipy.ndimage import (
     map_coordinates,
 )
 
-from rona_core.devices.settings import require_within
+from rona_core.devices.settings import require, require_within
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Poses
@@ -77,6 +78,44 @@ def plan_second_pass(
     wide = _widened(gaps, round(WIDENED_MM / cell_mm)) & maps.outer.ok
     rows = _rows(wide, max(1, round(settings.spacing_mm / cell_mm)))
     return path_along(maps, rows, sound_speed_mm_per_us, settings) if rows else None
+
+
+def plan_along(
+    maps: Maps,
+    rows_mm: ArrayLike,
+    sound_speed_mm_per_us: float,
+    settings: SecondPassSettings | None = None,
+) -> SecondPassPath:
+    """Return a path along given lines over the outer map, with a leaning probe.
+
+    Args:
+        maps: Of all passes so far.
+        rows_mm: Start and end of each (n, 2, 2) in the plane of the map, in the order of scanning.
+        sound_speed_mm_per_us: Of bone, see ``plan_second_pass``.
+        settings: Fan and largest lean.
+
+    Raises:
+        InvalidInputError: a line, or the way to the next one, leaves the outer map.
+    """
+    outer = maps.outer
+    cell_mm = float(outer.u_mm[1] - outer.u_mm[0])
+    given = np.asarray(rows_mm, dtype=np.float64)
+    require(
+        given.ndim == 3 and given.shape[1:] == (2, 2) and bool(np.isfinite(given).all()),
+        f"lines need a start and an end, u and v of each, got values of shape {given.shape}",
+    )
+    rows = [(one[0], one[1]) for one in (given - (outer.u_mm[0], outer.v_mm[0])) / cell_mm]
+    places, numbers = _walk(rows, STEP_MM / cell_mm)
+    i, j = np.rint(places).astype(np.int64).T
+    inside = (i >= 0) & (j >= 0) & (i < outer.ok.shape[0]) & (j < outer.ok.shape[1])
+    inside[inside] = outer.ok[i[inside], j[inside]]
+    first = int(numbers[np.argmin(inside)]) + 1
+    require(
+        bool(inside.all()),
+        f"line {first} of {len(rows)}, or the way to it, leaves the mapped outer boundary: give "
+        "lines within it",
+    )
+    return path_along(maps, rows, sound_speed_mm_per_us, settings or SecondPassSettings())
 
 
 def path_along(

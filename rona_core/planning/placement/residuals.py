@@ -9,6 +9,7 @@ from rona_core.planning.placement.chance import chance_above
 from rona_core.planning.placement.figures import ScrewFigures
 from rona_core.planning.placement.mapped_bone import MappedBone
 from rona_core.planning.placement.problem import PlacementProblem
+from rona_core.planning.placement.solid_points import SolidPoints
 
 TIP_TURNS = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)  # around the end of a screw
 ROUNDS = 4  # of finding the outer boundary along a screw: the map is flat, each gains a digit
@@ -39,6 +40,16 @@ def residuals(
     return drawn, mapped
 
 
+def margins(problem: PlacementProblem, T_map_bed: Pose, solid: SolidPoints) -> Floats:
+    """Return the least bone over what is required, below a bed or beyond a screw, in draws (n,)."""
+    drawn, _ = residuals(problem, T_map_bed, T_map_bed @ solid.floor)
+    least = drawn.min(axis=0) - problem.limits.residual_mm
+    for screw in solid.screws:
+        end = screw_end(problem.bone, T_map_bed, screw)
+        least = np.minimum(least, beyond_screw(problem, T_map_bed, end)[0])
+    return least
+
+
 def screw_end(bone: MappedBone, T_map_bed: Pose, screw: Screw) -> Floats:
     """Return where a screw goes in, then places around its end (1 + 9, 3), in ``map``.
 
@@ -64,11 +75,17 @@ def judge_screw(
 
     It rides on the true outer boundary, wherever that is: the depth of the bed does not matter.
     """
+    beyond, mapped_mm = beyond_screw(problem, T_map_bed, places_map)
+    return ScrewFigures(screw, screw.length_mm + mapped_mm, chance_above(beyond, 0.0))
+
+
+def beyond_screw(
+    problem: PlacementProblem, T_map_bed: Pose, places_map: Floats
+) -> tuple[Floats, float]:
+    """Return the bone beyond the end of a screw in draws (n,) and in the map, see `judge_screw`."""
     bone = problem.bone
     entry = bone.operator(places_map[:1, :2])
     outer_off = (entry @ bone.outer_draws - entry @ bone.outer.height_mm.ravel())[0]
     drawn, mapped = residuals(problem, T_map_bed, places_map[1:])
     depth_error = T_map_bed.rotation[2, 2] * problem.errors_bed[2]
-    beyond = drawn.min(axis=0) + outer_off - depth_error
-    bone_mm = screw.length_mm + float(mapped.min())
-    return ScrewFigures(screw, bone_mm, chance_above(beyond, 0.0))
+    return drawn.min(axis=0) + outer_off - depth_error, float(mapped.min())

@@ -11,6 +11,7 @@ from rona_core.app.steps.maps.view import layers_of
 from rona_ui.panels.implant.by_hand import ASKED, ByHandFolder
 from rona_ui.panels.implant.export import BedExportFolder
 from rona_ui.panels.implant.figures import bed_table, lift_table, milling_table, verdict_note
+from rona_ui.panels.implant.lines import LinesFolder
 from rona_ui.panels.implant.milling import MillingFolder
 from rona_ui.panels.maps.maps import color_bar
 from rona_ui.panels.widgets import style
@@ -55,6 +56,7 @@ class ImplantPanel(StepPanel):
             )
             self._key = gui.add_html("")
             self._hand = ByHandFolder(gui, context, self.form)
+            self._lines = LinesFolder(gui, context)
             self._milling = MillingFolder(gui, context)
             self._figures = gui.add_folder("Figures", visible=False)
             with self._figures:
@@ -109,6 +111,7 @@ class ImplantPanel(StepPanel):
         if changed(old, new, "session.results", "milling"):
             self._tables.content = "" if held is None else _tables(held.value, new.milling)
         self._hand.render(old, new)
+        self._lines.render(old, new)
         self._milling.render(old, new)
         self._export.render(new)
 

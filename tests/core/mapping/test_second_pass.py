@@ -8,6 +8,7 @@ from rona_core.geometry.pose import Pose, Poses
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.mapping.second_pass import (
     SecondPassSettings,
+    plan_along,
     plan_second_pass,
     standoffs_mm,
 )
@@ -138,3 +139,29 @@ def test_standoffs_are_the_way_to_the_map_along_a_leaning_axis():
 def test_settings_out_of_range_are_refused_by_name(part):
     with pytest.raises(InvalidInputError, match=next(iter(part))):
         SecondPassSettings(**part)
+
+
+def test_given_lines_are_scanned_in_their_order_with_the_lean_of_any_further_pass():
+    maps = scene(slope=(0.12, 0.0))
+    lines = (((-10.0, -5.0), (10.0, -5.0)), ((10.0, 0.0), (-10.0, 5.0)))
+    found = plan_along(maps, lines, SPEED, PLAIN)
+    points = found.path.points_base
+    for place in np.reshape(lines, (-1, 2)):
+        assert np.linalg.norm(points[:, :2] - place, axis=1).min() < 1e-9
+    np.testing.assert_allclose(points[[0, -1], :2], (lines[0][0], lines[1][1]))
+    np.testing.assert_allclose(points[:, 2], 0.0, atol=1e-9)
+    over_gap = plan_second_pass(maps, SPEED, PLAIN)
+    assert found.lean_deg.mean() == pytest.approx(over_gap.lean_deg.mean(), abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("lines", "words"),
+    [
+        ((((0.0, 0.0), (16.0, 0.0)),), "line 1 of 1"),
+        ((((0.0, 0.0), (5.0, 0.0)), ((5.0, 0.0), (5.0, -40.0))), "line 2 of 2"),
+        (((0.0, 0.0), (5.0, 0.0)), "a start and an end"),
+    ],
+)
+def test_lines_that_leave_the_outer_map_are_refused(lines, words):
+    with pytest.raises(InvalidInputError, match=words):
+        plan_along(scene(), lines, SPEED, PLAIN)

@@ -6,17 +6,20 @@ from types import SimpleNamespace
 import pytest
 
 from rona_core.app.dependencies.step_states import step_states
+from rona_core.app.steps.implant.bed_lines import lines_verdict
 from rona_core.app.steps.implant.export import MOTIONS, NAMES, export_bed
 from rona_core.app.steps.implant.messages import (
     PlaceBed,
     PlanMilling,
     RehearseMilling,
+    StartBedLines,
     StartBedSearch,
 )
 from rona_core.app.steps.implant.milling_motion import milling_plan_of
 from rona_core.app.steps.implant.milling_plan import milling_verdict
 from rona_core.app.steps.implant.rehearsal import rehearsal_verdict
 from rona_core.app.steps.implant.view import milling_view, verdict
+from rona_core.app.steps.maps.messages import StartGapPlan
 from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.compose import new_workbench
 from rona_core.errors import NotFoundError, StaleResultError, StepBlockedError
@@ -228,3 +231,23 @@ def test_the_rehearsal_waits_for_a_plan_and_its_verdict_stands_below_it(demo):
     gui, _, _ = panel_of(snapshot(demo), snapshot(bench.session))
     bench.close()
     assert said not in gui.html()
+
+
+def test_lines_for_the_bed_are_found_by_a_button_and_planned_by_the_next(demo):
+    gui, recorder, _ = panel_of(snapshot(demo))
+    find, plan = gui.find("button", "Find lines"), gui.find("button", "Plan pass along them")
+    assert (find.disabled, plan.disabled) == (False, True)
+    find.happen(CLIENT)
+    assert recorder.sent[-1] == StartBedLines()
+    bench = new_workbench(demo)
+    bench.run(StartBedLines())
+    found = bench.session.results.get("lines").value
+    gui, recorder, _ = panel_of(snapshot(demo), snapshot(bench.session))
+    assert lines_verdict(found) in gui.html()
+    gui.find("button", "Plan pass along them").happen(CLIENT)
+    assert recorder.sent[-1] == StartGapPlan(rows=found.rows)
+    bench.dispatch(SetProbe(name="1MHz"))
+    gui, _, _ = panel_of(snapshot(demo), snapshot(bench.session))
+    bench.close()
+    assert lines_verdict(found) not in gui.html()
+    assert gui.find("button", "Plan pass along them").disabled

@@ -44,6 +44,16 @@ class PlaceBed:
 
 
 @message
+class StartBedLines:
+    """Find the further scan lines that tell most of the bone below the bed of step 10.
+
+    `StartGapPlan` takes their `rows` and plans how the robot scans them.
+    """
+
+    length_mm: float = within(20.0, 500.0, default=60.0)  # of all lines together, about
+
+
+@message
 class PlanMilling:
     """Plan how the robot mills the bed: roll about the burr, timing, collisions, certificate."""
 

@@ -5,12 +5,14 @@ from rona_core.app.declarations.declarations import ActivityContext, Message
 from rona_core.app.dependencies.inputs import result_input
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.runtime.handling import compute_one, compute_result, computed, strip_for_worker
+from rona_core.app.steps.implant.bed_lines import BedLines, derive_bed_lines
 from rona_core.app.steps.implant.derivation import derive_placed, derive_search
 from rona_core.app.steps.implant.implant_bed import ImplantBed
 from rona_core.app.steps.implant.messages import (
     PlaceBed,
     PlanMilling,
     RehearseMilling,
+    StartBedLines,
     StartBedSearch,
 )
 from rona_core.app.steps.implant.milling_derivation import derive_milling
@@ -68,6 +70,17 @@ def _milled(session: Session) -> str:
     return f"; {milling_summary(held.value)}"
 
 
+def _nowhere_laid(session: Session) -> str | None:
+    """Return why no line makes a bed that is there and fresh more certain."""
+    held = session.results.get("bed")
+    if held is None or stale_reason("bed", session) is not None:
+        return None
+    placed = held.value.placed
+    if placed is not None and placed.residual_mm is not None:
+        return None
+    return f"first lay the bed where both boundaries are mapped (step 10): {held.value.refusal}"
+
+
 def _not_to_be_milled(session: Session) -> str | None:
     """Return why a bed that is there and fresh is not to be milled."""
     refusal = None if stale_reason("bed", session) else _refused(session)
@@ -88,6 +101,13 @@ STEP = declare.Step(
             StartBedSearch, compute_one, "Searching the implant bed", needs=(MAPS, TOOL)
         ),
         declare.Activity(
+            StartBedLines,
+            compute_one,
+            "Finding lines for the bed",
+            needs=(BED, MAPS, TOOL, DETECTION),
+            blocked=_nowhere_laid,
+        ),
+        declare.Activity(
             PlanMilling,
             compute_one,
             "Planning the milling",
@@ -105,6 +125,14 @@ STEP = declare.Step(
     results=(
         declare.Result("bed", StartBedSearch, derive_search, INPUTS, WANTED, types=(ImplantBed,)),
         declare.Result("bed", PlaceBed, derive_placed, INPUTS, WANTED),
+        declare.Result(
+            "lines",
+            StartBedLines,
+            derive_bed_lines,
+            {"bed": BED, **INPUTS},
+            "find lines for the bed (step 10)",
+            types=(BedLines,),
+        ),
         declare.Result(
             "milling",
             PlanMilling,

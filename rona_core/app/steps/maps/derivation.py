@@ -29,7 +29,12 @@ from rona_core.mapping.build_maps import (
     add_inner_map,
     build_outer_maps,
 )
-from rona_core.mapping.second_pass import SecondPassPath, plan_second_pass, standoffs_mm
+from rona_core.mapping.second_pass import (
+    SecondPassPath,
+    plan_along,
+    plan_second_pass,
+    standoffs_mm,
+)
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.plan_scan import plan_scan
 from rona_core.session.document import Derived, SecondPass, Session
@@ -165,14 +170,19 @@ def _outer_maps(
 def derive_second(
     session: Session, message: StartGapPlan, *, progress: Progress, cancel: Cancel
 ) -> SecondPass:
-    """Plan, time and verify a scan of the gaps that all passes so far left in the inner map.
+    """Plan, time and verify a scan of the gaps that all passes so far left, or along given lines.
 
     Raises:
         StepBlockedError: there is no gap worth a scan.
+        InvalidInputError: a line leaves the outer map.
     """
     maps = maps_so_far(session, progress=progress, cancel=cancel)
     detection = require_result(session.results.detection, "detect the boundaries").value
-    way = plan_second_pass(maps, detection.sound_speed_mm_per_us, message)
+    speed = detection.sound_speed_mm_per_us
+    if message.rows:
+        way = plan_along(maps, message.rows, speed, message)
+        return plan_further_pass(session, way, progress=progress, cancel=cancel)
+    way = plan_second_pass(maps, speed, message)
     if way is None:
         raise StepBlockedError("StartGapPlan is blocked: no gap is left in the inner map")
     return plan_further_pass(session, way, progress=progress, cancel=cancel)

@@ -5,6 +5,9 @@ from typing import Literal
 from rona_core.app.messages.message import message, within
 from rona_core.mapping.second_pass import SecondPassSettings
 
+Corner = tuple[float, float]  # u and v in the plane of the maps, in mm
+Row = tuple[Corner, Corner]  # start and end of a line
+
 
 @message
 class StartMapping:
@@ -21,7 +24,12 @@ class StartMapping:
 
 @message
 class StartGapPlan(SecondPassSettings):
-    """Plan a second scan over the gaps of the inner map, the probe leaning towards its table."""
+    """Plan a further scan with the probe leaning towards the inner table, over the gaps of its map.
+
+    Or along lines that are given, such as those that tell most of an implant bed (step 10).
+    """
+
+    rows: tuple[Row, ...] = ()  # in the order of scanning; none: over the gaps
 
 
 @message

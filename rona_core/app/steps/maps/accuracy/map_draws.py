@@ -14,7 +14,7 @@ from numpy.random import Generator
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.maps.accuracy.error_terms import ErrorTerm
-from rona_core.app.steps.maps.accuracy.map_terms import INTERPOLATION, map_terms
+from rona_core.app.steps.maps.accuracy.map_terms import INTERPOLATION, POINTS, map_terms
 from rona_core.errors import InvalidInputError, StaleResultError
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
@@ -33,6 +33,7 @@ class MapDraws:
     maps: Maps  # that they are draws of, with frame and grid
     outer_mm: Floats  # (n, nu, nv)
     inner_mm: Floats  # (n, nu, nv)
+    reread_mm: Floats  # (n, nu, nv) thickness that a further scan would read, at the speed of now
 
 
 def draw_maps(session: Session, count: int, seed: int = 0, *, same_robot: bool = False) -> MapDraws:
@@ -58,13 +59,17 @@ def draw_maps(session: Session, count: int, seed: int = 0, *, same_robot: bool =
     generator = np.random.default_rng(seed)
     kept = [term for term in terms.outer if not (same_robot and term.of_robot)]
     outer = maps.outer.height_mm + _drawn(maps.outer, kept, terms.outer_plate, count, generator)
-    thickness = maps.thickness_mm() + _drawn(
-        maps.outer, terms.thickness, terms.thickness_plate, count, generator
-    )
+    # another scan errs alike by what reference points alone can mend: the speed of sound
+    lasting = [term for term in terms.thickness if term.remedy == POINTS]
+    passing = [term for term in terms.thickness if term.remedy != POINTS]
+    reread = maps.thickness_mm() + _drawn(maps.outer, passing, None, count, generator)
+    speed = _drawn(maps.outer, lasting, None, count, generator)
+    reread = reread + _drawn(maps.outer, (), terms.thickness_plate, count, generator)
     return MapDraws(
         maps,
         readonly(outer),
-        readonly(outer - np.maximum(thickness, LEAST_THICKNESS_MM)),
+        readonly(outer - np.maximum(reread + speed, LEAST_THICKNESS_MM)),
+        readonly(reread),
     )
 
 

@@ -1,0 +1,1 @@
+"""Which further scan lines tell most of the bone below one bed."""
