@@ -213,6 +213,7 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
         "suites.implant.bed_lines.SEEDS": (),
         "suites.implant.bed_lines.FILES": (DEMO,),
         "suites.implant.bed_lines.KINDS": ("best lines",),
+        "suites.implant.bed_lines.DRAWS": 60,
     },
     "accuracy": {
         **ONCE,

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 
-from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.steps.implant.milling_motion import (
     milling_motion,
     milling_plan_of,
@@ -10,7 +9,7 @@ from rona_core.app.steps.implant.milling_motion import (
     require_certified,
 )
 from rona_core.app.steps.implant.view import WANTED, milling_view
-from rona_core.errors import NotFoundError
+from rona_core.errors import NotFoundError, StepBlockedError
 from rona_core.planning.implants.bed_markups import bed_markups
 from rona_core.planning.milling.path_files import bed_stl, path_csv, path_gcode
 from rona_core.robot.planning.motion_files import UR_ARMS, Pause, joints_csv, urscript
@@ -36,9 +35,9 @@ def _stl(session: Session) -> bytes:
 def _markups(session: Session) -> bytes:
     view = milling_view(session)
     placed = view.placed
-    thinnest = require_result(placed.thinnest_base, WANTED)
-    residual_mm = require_result(placed.residual_mm, WANTED)
-    return bed_markups(view.implant, placed.T_base_bed, thinnest, residual_mm)
+    if placed.thinnest_base is None or placed.residual_mm is None:
+        raise StepBlockedError(f"the bed does not lie wholly in the maps: {WANTED}")
+    return bed_markups(view.implant, placed.T_base_bed, placed.thinnest_base, placed.residual_mm)
 
 
 def _joints(session: Session) -> bytes:
