@@ -26,7 +26,7 @@ from rona_core.app.steps.handheld.messages import (
     StartHandheldMapping,
     StartHandheldScan,
 )
-from rona_core.app.steps.implant.messages import PlanMilling
+from rona_core.app.steps.implant.messages import PlanMilling, StartBedLines
 from rona_core.app.steps.path.messages import StartPathCapture
 from rona_core.app.steps.pointer.messages import StartPointerCapture
 from rona_core.app.steps.roll.derivation import derive_roll
@@ -59,7 +59,7 @@ from rona_core.session.files import load_session
 from rona_ui.resources import demo_session
 
 NOTHING: frozenset[str] = frozenset()
-MAPS = frozenset(("maps", "bed", "milling"))
+MAPS = frozenset(("maps", "bed", "lines", "milling"))
 FROM_SPEED = MAPS | {"sono_maps"}  # both kinds of maps take the calibrated speed of sound
 FROM_SCAN = FROM_SPEED | {
     "capture scan",
@@ -206,9 +206,10 @@ def bench_of(session, uploads):
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory):
-    """The demo with everything that it lacks: block, caliper, second plan, scan by hand, place."""
+    """The demo with everything that it lacks: lines, block, caliper, plan, scan by hand, place."""
     bench = bench_of(load_session(demo_session()), tmp_path_factory.mktemp("uploads"))
     for activity in (
+        StartBedLines(),
         PlanMilling(),
         StartBasePlacement(half_x_mm=0.0, half_y_mm=0.0),
         StartCaliperMeasurements(n=3),

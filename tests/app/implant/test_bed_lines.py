@@ -40,7 +40,7 @@ def test_lines_lie_over_the_bed_and_say_how_much_they_can_tell(bench):
     assert 60.0 <= found.length_mm < 85.0
     assert 0.0 <= found.told_share < 1.0
     assert "next to nothing" in lines_verdict(replace(found, told_share=0.005))
-    assert "tell 20 % of what is open" in lines_verdict(replace(found, told_share=0.2))
+    assert "tell up to 20 % of what is open" in lines_verdict(replace(found, told_share=0.2))
 
 
 def test_without_what_no_scan_tells_lines_tell_most_of_it(bench):

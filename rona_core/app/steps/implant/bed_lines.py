@@ -110,8 +110,9 @@ def lines_verdict(found: BedLines) -> str:
     if share < LEAST_PERCENT:
         return f"Further lines tell next to nothing of this bed: what is left open is {rest}."
     return (
-        f"{found.length_mm:.0f} mm of lines tell {share:.0f} % of what is open about the least "
-        f"bone of this bed; the rest is {rest}."
+        f"{found.length_mm:.0f} mm of lines tell up to {share:.0f} % of what is open about the "
+        "least bone of this bed, if it is heard all along; silent places add doubt. "
+        f"The rest is {rest}."
     )
 
 
