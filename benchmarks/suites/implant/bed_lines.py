@@ -33,7 +33,7 @@ from rona_core.planning.placement.chance import chance_above
 from rona_core.session.document import Derived, Session
 from rona_core.session.files import load_session
 
-SEEDS = range(42_080, 42_094)
+SEEDS = range(42_080, 42_086)
 MESSAGES = tuple(step for step in PROCEDURE if step[0] != "second")
 FILES: tuple[Path, ...] = ()  # sessions with virtual devices that count as well
 KINDS = ("best lines", "random lines", "even rows over the map", "even rows over the bed")
@@ -128,8 +128,8 @@ def even_rows(places_mm: Floats, length_mm: float) -> tuple[Row, ...]:
     for k, level in enumerate(levels.tolist()):
         there = places_mm[np.abs(places_mm[:, 1] - level) <= 0.5]
         (low, v), (high, to_v) = there[there[:, 0].argmin()], there[there[:, 0].argmax()]
-        ends = (float(low), float(v)), (float(high), float(to_v))
-        rows.append(ends if k % 2 == 0 else ends[::-1])
+        first, last = (float(low), float(v)), (float(high), float(to_v))
+        rows.append((first, last) if k % 2 == 0 else (last, first))
     return tuple(rows)
 
 

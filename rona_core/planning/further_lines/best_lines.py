@@ -96,7 +96,8 @@ class _Known:
 
     def weights(self, places: Ints) -> Floats:
         """Return what each of some places (p,) says of the least bone."""
-        return np.linalg.solve(self._read(places), self._least[places])
+        found = np.linalg.solve(self._read(places), self._least[places])
+        return np.asarray(found, dtype=np.float64)
 
     def gain(self, places: Ints) -> float:
         """Return the variance that hearing some places (p,) takes from the least bone."""
