@@ -23,6 +23,8 @@ from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Poses
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
+from rona_core.mapping.led_rows import lead_rows
+from rona_core.path.scan_patterns import Inside
 from rona_core.ultrasound.probe.materials import GEL
 
 LEAST_CELLS = 6  # a smaller gap is left to the smooth map
@@ -62,7 +64,10 @@ class SecondPassPath:
 
 
 def plan_second_pass(
-    maps: Maps, sound_speed_mm_per_us: float, settings: SecondPassSettings | None = None
+    maps: Maps,
+    sound_speed_mm_per_us: float,
+    settings: SecondPassSettings | None = None,
+    allowed: Inside | None = None,
 ) -> SecondPassPath | None:
     """Return a path over the gaps of the inner map with a leaning probe; None without a gap.
 
@@ -71,12 +76,16 @@ def plan_second_pass(
         sound_speed_mm_per_us: Of bone, as the maps were made with: sound bends at the outer
             boundary, so that the probe leans by less than the inner table does.
         settings: Rows, fan and largest lean.
+        allowed: Which places (k, 2) in the plane of the maps may be scanned; None: all.
     """
     settings = settings or SecondPassSettings()
     gaps = maps.outer.ok & ~maps.inner.ok
     cell_mm = float(maps.outer.u_mm[1] - maps.outer.u_mm[0])
     wide = _widened(gaps, round(WIDENED_MM / cell_mm)) & maps.outer.ok
     rows = _rows(wide, max(1, round(settings.spacing_mm / cell_mm)))
+    if allowed is not None:
+        corner = np.array((maps.outer.u_mm[0], maps.outer.v_mm[0]))
+        rows = lead_rows(rows, lambda cells: allowed(corner + cell_mm * cells), wide.shape)
     return path_along(maps, rows, sound_speed_mm_per_us, settings) if rows else None
 
 

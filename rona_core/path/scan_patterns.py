@@ -13,8 +13,10 @@ from numpy.typing import ArrayLike
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, as_floats, as_vector3, readonly
 from rona_core.geometry.pose import Pose
+from rona_core.path.detours import Detours, join_strokes
 
 Heights = Callable[[Floats], Floats]  # places (k, 2) in the plane of the patch -> height (k,)
+Inside = Callable[[Floats], Bools]  # places (k, 2) in the plane of the patch -> whether they count
 MAX_POINTS = 1_000_000
 
 
@@ -61,6 +63,7 @@ def raster(
     spacing_mm: float,
     margin_mm: float = 0.0,
     step_mm: float = 1.0,
+    allowed: Inside | None = None,
 ) -> PathPattern:
     """Return lines along x of the patch, there and back, from the smallest y to the largest.
 
@@ -74,12 +77,15 @@ def raster(
         spacing_mm: Distance between lines.
         margin_mm: Least distance of all points from the boundary.
         step_mm: Distance between the points of a line, at most.
+        allowed: Which places (k, 2) of the plane may be scanned. The strokes are then joined to one
+            by ways that keep to these and to the boundary.
 
     Raises:
         InvalidInputError: fewer than three corners, or lengths that are not positive.
-        DegenerateGeometryError: nothing lies within the boundary.
+        DegenerateGeometryError: nothing lies within the boundary, or what may be scanned there is
+            in parts.
     """
-    inside = _region(boundary, margin_mm)
+    inside = _region(boundary, margin_mm, allowed)
     corners = as_floats(boundary, name="boundary")
     _check_lengths(corners, spacing_mm, step_mm)
     low, high = corners.min(axis=0), corners.max(axis=0)
@@ -90,6 +96,8 @@ def raster(
     for k in range(len(lines)):
         while lines[k]:
             strokes.append(_boustrophedon(lines, k, inside, step_mm))
+    if allowed is not None:
+        strokes = _joined(strokes, inside, corners, step_mm)
     return _dropped(T_base_patch, strokes, heights)
 
 
@@ -101,13 +109,14 @@ def spiral(
     spacing_mm: float,
     margin_mm: float = 0.0,
     step_mm: float = 1.0,
+    allowed: Inside | None = None,
 ) -> PathPattern:
     """Return a spiral from the origin of the patch outwards, as far as the boundary reaches.
 
     Neighbouring turns lie ``spacing_mm`` apart (an Archimedean spiral). Where it leaves the
     boundary and comes back, a new stroke begins. Arguments and errors as for :func:`raster`.
     """
-    inside = _region(boundary, margin_mm)
+    inside = _region(boundary, margin_mm, allowed)
     corners = as_floats(boundary, name="boundary")
     _check_lengths(corners, spacing_mm, step_mm)
     reach = float(np.linalg.norm(corners, axis=1).max())
@@ -123,7 +132,18 @@ def spiral(
     within = np.arange(len(start)) - np.repeat(np.cumsum(finer) - finer, finer)
     angle = np.append(start + within * np.repeat(gaps / np.maximum(finer, 1), finer), angle[-1:])
     places = growth * angle[:, None] * np.column_stack((np.cos(angle), np.sin(angle)))
-    return _dropped(T_base_patch, _runs(places, inside), heights)
+    strokes = _runs(places, inside)
+    if allowed is not None:
+        strokes = _joined(strokes, inside, corners, step_mm)
+    return _dropped(T_base_patch, strokes, heights)
+
+
+def _joined(strokes: list[Floats], inside: Inside, corners: Floats, step_mm: float) -> list[Floats]:
+    """Return the strokes as one, led round what is not inside."""
+    if len(strokes) < 2:
+        return strokes
+    detours = Detours(inside, corners.min(axis=0), corners.max(axis=0), step_mm)
+    return [join_strokes(strokes, detours, step_mm)]
 
 
 def _check_lengths(corners: Floats, spacing_mm: float, step_mm: float) -> None:
@@ -139,8 +159,8 @@ def _check_lengths(corners: Floats, spacing_mm: float, step_mm: float) -> None:
         )
 
 
-def _region(boundary: ArrayLike, margin_mm: float) -> Callable[[Floats], Bools]:
-    """Return the test which places (k, 2) lie in the polygon, off its edges."""
+def _region(boundary: ArrayLike, margin_mm: float, allowed: Inside | None) -> Inside:
+    """Return the test which places (k, 2) lie in the polygon, off its edges, and are allowed."""
     corners = as_floats(boundary, name="boundary")
     if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3:
         raise InvalidInputError(f"boundary must have shape (k, 2), k >= 3, not {corners.shape}")
@@ -160,21 +180,20 @@ def _region(boundary: ArrayLike, margin_mm: float) -> Callable[[Floats], Bools]:
             t = (places - a) @ edge / max(float(edge @ edge), 1e-300)
             away = places - a - np.clip(t, 0.0, 1.0)[:, None] * edge
             nearest = np.minimum(nearest, np.sqrt((away**2).sum(axis=1)))
-        return odd & (nearest >= margin_mm)
+        within = odd & (nearest >= margin_mm)
+        return within if allowed is None else within & allowed(places)
 
     return inside
 
 
-def _runs(places: Floats, inside: Callable[[Floats], Bools]) -> list[Floats]:
+def _runs(places: Floats, inside: Inside) -> list[Floats]:
     """Return the stretches of ``places`` that lie inside."""
     good = np.concatenate(([False], inside(places), [False]))
     starts, stops = np.flatnonzero(~good[:-1] & good[1:]), np.flatnonzero(good[:-1] & ~good[1:])
     return [places[a:b] for a, b in zip(starts, stops, strict=True)]
 
 
-def _boustrophedon(
-    lines: list[list[Floats]], k: int, inside: Callable[[Floats], Bools], step_mm: float
-) -> Floats:
+def _boustrophedon(lines: list[list[Floats]], k: int, inside: Inside, step_mm: float) -> Floats:
     """Take a run from line ``k`` and from each later one while the way there stays inside."""
     stroke = [lines[k].pop(0)]
     for line in lines[k + 1 :]:

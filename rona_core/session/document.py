@@ -18,6 +18,7 @@ from rona_core.geometry.path5d import Path5D
 from rona_core.mapping.boundary_map import Maps
 from rona_core.mapping.second_pass import SecondPassPath
 from rona_core.path.manual_edits import PathEdits
+from rona_core.path.painted_regions import PaintedRegions
 from rona_core.path.simplification.simplify import SimplifiedPath
 from rona_core.robot.base_placement.candidates import BasePlacement
 from rona_core.robot.planning.plan import RobotPlan
@@ -240,6 +241,7 @@ class Session:
     )
     setup: Setup = field(default_factory=Setup)
     captures: Captures = field(default_factory=Captures)
+    painted: PaintedRegions = field(default_factory=PaintedRegions, metadata=OMIT_EMPTY)
     path_edits: PathEdits = field(default_factory=PathEdits)  # of the path of step 5, by hand
     boundary_edits: BoundaryEdits = field(default_factory=BoundaryEdits)  # of A-scans, by hand
     results: Results = field(default_factory=Results)

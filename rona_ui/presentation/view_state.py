@@ -6,11 +6,24 @@ from typing import Any, Literal
 from rona_core.app.steps.maps.comparison import MapComparison
 from rona_core.app.steps.maps.view import MapQuantity
 from rona_core.app.steps.roll.margins_view import Quantity
+from rona_core.path.painted_regions import PaintKind
 
 Point = tuple[float, float, float]
 Drawing = Literal[
-    "surface", "path", "center", "boundary", "move", "insert", "delete", "pin", "region", "implant"
+    "surface",
+    "path",
+    "center",
+    "boundary",
+    "paint_scan",
+    "paint_avoid",
+    "move",
+    "insert",
+    "delete",
+    "pin",
+    "region",
+    "implant",
 ]
+PAINTING: dict[str, PaintKind] = {"paint_scan": "scan", "paint_avoid": "avoid"}
 CutDirection = Literal["off", "lengthwise", "crosswise"]
 
 # Layers of the scene that can be switched off: name -> what the surgeon reads
@@ -26,6 +39,7 @@ LAYERS = {
     "region": "Region",
     "cloud": "Surface points",
     "registered_skull": "Registered skull",
+    "painted": "Painted regions",
     "path": "Path",
     "arrows": "Probe axes",
     "warnings": "Path warnings",
@@ -53,10 +67,10 @@ NEEDED: dict[str, frozenset[str]] = {
     "tool": _ROOM,
     "pointer": _ROOM,
     "surface": _ALWAYS | frozenset(("pointer", "region", "cloud", "registered_skull")),
-    "path": _ALWAYS | frozenset(("pointer", "region", "path")),
-    "smoothing": _ALWAYS | frozenset(("path", "arrows", "warnings")),
+    "path": _ALWAYS | frozenset(("pointer", "region", "path", "painted")),
+    "smoothing": _ALWAYS | frozenset(("path", "arrows", "warnings", "painted")),
     "roll": _ALWAYS | frozenset(("robot", "path", "rolls", "obstacles", "places")),
-    "scan": _ALWAYS | frozenset(("robot", "path", "scan", "obstacles")),
+    "scan": _ALWAYS | frozenset(("robot", "path", "scan", "obstacles", "painted")),
     "maps": _ALWAYS
     | frozenset(("region", "pointer", "outer", "inner", "fused", "second", "references")),
     "implant": _ALWAYS | frozenset(("inner", "implant", "bed", "milling", "chance", "bone_left")),
@@ -109,6 +123,8 @@ class ViewState:
     move_target: Point | None = None  # where it is held, in base, mm
     center: Point | None = None  # of the pattern that is to be made
     boundary: tuple[Point, ...] = ()  # of the same
+    brush_mm: float = 5.0  # radius of the brush
+    stroke: tuple[Point, ...] = ()  # that is being painted, in base, mm
     preview: Preview | None = None
     quantity: MapQuantity = "thickness"
     skull_window: bool = True  # the drawn skull is open over the region once it has been mapped

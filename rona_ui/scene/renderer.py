@@ -21,6 +21,7 @@ from rona_ui.scene.maps.map_section import ProfileLayer
 from rona_ui.scene.maps.maps import MapLayer, ReferencesLayer, ScanLayer, SecondLayer
 from rona_ui.scene.maps.volume import VolumeLayer
 from rona_ui.scene.milled_bone import MilledBoneLayer
+from rona_ui.scene.path.painting import PaintedLayer
 from rona_ui.scene.path.path import AxesLayer, PathLayer, WarningsLayer
 from rona_ui.scene.path.path_editing import EditLayer
 from rona_ui.scene.pointer import PIVOT_HANDLES, DrawingLayer, PivotHandlesLayer, PointerLayer
@@ -63,6 +64,7 @@ class SceneRenderer:
             AxesLayer(self.nodes),
             WarningsLayer(self.nodes),
             EditLayer(self.nodes),
+            PaintedLayer(self.nodes),
             RollsLayer(self.nodes),
             MarginsLayer(self.nodes),
             PlacesLayer(self.nodes, FLOOR_MM),

@@ -231,5 +231,11 @@ def without_mode(view: ViewState) -> ViewState:
     """Return the view without drawing or editing; a line that was begun can be gone on with."""
     picks = view.picks if view.drawing in STROKES or view.drawing is None else ()
     return replace(
-        view, drawing=None, picks=picks, moved_point=None, move_target=None, dragged_boundary=None
+        view,
+        drawing=None,
+        picks=picks,
+        stroke=(),
+        moved_point=None,
+        move_target=None,
+        dragged_boundary=None,
     )

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from rona_core.geometry.arrays import Floats
+from rona_core.path.zones import Zone
 from rona_core.planning.placement.mapped_bone import MappedBone
 from rona_core.planning.placement.settings import ExecutionError, PlacementLimits
-from rona_core.planning.placement.zones import Zone
 
 
 class PlacementProblem:

@@ -3,6 +3,7 @@
 from typing import Any
 
 from rona_core.app.steps.path.messages import GenerateScanPattern, StartPathCapture
+from rona_ui.panels.path.painting import PaintingControls
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
 from rona_ui.panels.widgets.panel_context import PanelContext
@@ -34,6 +35,7 @@ class PathPanel(StepPanel):
         self.form.number("duration_s", "Duration (s)", 40.0, 1.0, 600.0, 5.0)
         self.form.number("spacing_mm", "Line spacing (mm)", 4.0, 1.0, 20.0, 0.5)
         self._drawing = DrawingControls(self.gui, self.context, "path", self._line)
+        self._painting = PaintingControls(self.gui, self.context)
         self._pattern = PatternControls(self.gui, self.context)
         self._import = ImportControls(self.gui, self.context, "path")
 
@@ -48,6 +50,7 @@ class PathPanel(StepPanel):
     def update(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow drawing."""
         self._drawing.render(new)
+        self._painting.render(new)
         self._pattern.render(new)
         self._import.render(new)
 

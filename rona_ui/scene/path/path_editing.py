@@ -14,6 +14,7 @@ from rona_core.app.steps.path.messages import (
     DeletePathPoint,
     InsertPathPoint,
     MovePathPoint,
+    PaintRegion,
     PinPathSample,
 )
 from rona_core.errors import InvalidInputError, RonaError
@@ -21,7 +22,7 @@ from rona_core.geometry.arrays import Floats, Vector3
 from rona_core.session.document import Session
 from rona_ui.presentation.colors import PURPLE, SKY, YELLOW, Rgb
 from rona_ui.presentation.snapshot import Snapshot, changed
-from rona_ui.presentation.view_state import Point, ViewState
+from rona_ui.presentation.view_state import PAINTING, Point, ViewState
 from rona_ui.scene.layer import Layer, lift
 from rona_ui.scene.viser_nodes import NO_LINES, NO_POINTS, segments
 
@@ -57,6 +58,8 @@ def point_at(
             return view, None
         corner = _point(sight(session, eye_base, ray))
         return replace(view, boundary=extended(view.boundary, corner)), None
+    if view.drawing in PAINTING:
+        return _paint(session, view, eye_base, ray, phase)
     if phase not in ("click", "end"):
         return view, None
     if view.drawing == "center":
@@ -71,6 +74,23 @@ def point_at(
         sample = _found(session.results.path.value.points_base, eye_base, ray)
         return view, PinPathSample(sample, not is_kept(session, sample))
     return view, None
+
+
+def _paint(
+    session: Session, view: ViewState, eye_base: Vector3, ray: Vector3, phase: str
+) -> tuple[ViewState, Any | None]:
+    """One drag is one stroke; so is a click."""
+    begun = view.stroke if phase in ("update", "end") else ()
+    try:
+        stroke = extended(begun, _point(sight(session, eye_base, ray)))
+    except RonaError:  # beside the surface: told only if nothing else was painted
+        if phase == "click" or (phase == "end" and not begun):
+            raise
+        stroke = begun
+    if phase in ("start", "update"):
+        return replace(view, stroke=stroke), None
+    kind = PAINTING[view.drawing or ""]
+    return replace(view, stroke=()), PaintRegion(kind, stroke, view.brush_mm)
 
 
 def _move(

@@ -165,3 +165,19 @@ def test_given_lines_are_scanned_in_their_order_with_the_lean_of_any_further_pas
 def test_lines_that_leave_the_outer_map_are_refused(lines, words):
     with pytest.raises(InvalidInputError, match=words):
         plan_along(scene(), lines, SPEED, PLAIN)
+
+
+def test_a_second_pass_keeps_off_what_is_not_allowed_and_goes_round_it():
+    def allowed(places):  # a post amid the gap
+        return np.linalg.norm(places - (0.0, 0.0), axis=1) >= 2.5
+
+    whole = plan_second_pass(scene(), SPEED, PLAIN)
+    found = plan_second_pass(scene(), SPEED, PLAIN, allowed)
+    assert not allowed(whole.path.points_base[:, :2]).all()
+    assert allowed(found.path.points_base[:, :2]).all()
+    kept = whole.path.points_base[allowed(whole.path.points_base[:, :2])]
+    gaps = np.linalg.norm(kept[:, None] - found.path.points_base, axis=2).min(axis=1)
+    assert gaps.max() <= 1.0  # a cell
+    steps = np.linalg.norm(np.diff(found.path.points_base, axis=0), axis=1)
+    assert steps.max() < 0.6
+    assert plan_second_pass(scene(), SPEED, PLAIN, lambda p: np.zeros(len(p), bool)) is None

@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 
 from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.runtime.handling import handle
 from rona_core.app.steps.path.messages import (
     BuildPath,
+    ClearPaintedRegions,
     ClearPathEdits,
     DeletePathPoint,
     GenerateScanPattern,
@@ -26,10 +28,13 @@ from rona_core.app.steps.smoothing.messages import SmoothScanPath
 from rona_core.app.steps.smoothing.path_view import path_view, preview_path
 from rona_core.app.steps.surface.messages import BuildSurface
 from rona_core.app.steps.tool.messages import RegisterTool
+from rona_core.devices.display import Mesh
 from rona_core.devices.live import LiveState
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
+from rona_core.path.painted_regions import PaintedStroke
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
+from rona_ui.panels.path.painting import PaintingControls
 from rona_ui.panels.path.path import PathPanel, PatternControls
 from rona_ui.panels.path.path_graph import PathGraph, graph
 from rona_ui.panels.smoothing import SmoothingPanel, warning_notes
@@ -38,6 +43,7 @@ from rona_ui.presentation.colors import viridis
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import Preview, ViewState
 from rona_ui.scene.path import path as scene_path
+from rona_ui.scene.path.painting import footprint
 from rona_ui.scene.path.path_editing import EditLayer, point_at
 from rona_ui.scene.viser_nodes import DOTS_MM, SHADES, SceneNodes, dots_along, shades
 from tests.helpers.ui.fake_gui import FakeClient, FakeGui
@@ -295,6 +301,66 @@ def test_the_path_step_says_that_it_is_a_pattern(smoothed) -> None:
     made = handle(GenerateScanPattern(), smoothed)
     PathPanel(gui, Recorder(view).context).render(None, snapshot(made, view))
     assert "Pattern of" in gui.html()
+
+
+# -- painted regions -------------------------------------------------------------------------------
+
+
+def test_a_drag_paints_one_stroke_of_the_brush_and_a_click_a_dot(smoothed) -> None:
+    gui, recorder = FakeGui(), Recorder(ViewState(step="path"))
+    controls = PaintingControls(gui, recorder.context)
+    controls.render(snapshot(smoothed, recorder.shown))
+    brush = gui.find("number", "Brush radius (mm)")
+    brush.value = 3.0
+    brush.happen(CLIENT)
+    gui.find("button", "Paint region to avoid").happen(CLIENT)
+    places = corners(smoothed)[0], corners(smoothed)[12], corners(smoothed)[21]
+    sent = []
+    for place, phase in zip(places, ("start", "update", "end"), strict=True):
+        at = sight_of(smoothed, place)
+        recorder.shown, command = point_at(smoothed, recorder.shown, *at, phase)
+        sent.append(command)
+    assert sent[:2] == [None, None], "the session changes once the mouse is let go"
+    assert (sent[2].kind, sent[2].radius_mm, len(sent[2].stroke_base_mm)) == ("avoid", 3.0, 3)
+    np.testing.assert_allclose(sent[2].stroke_base_mm, places, atol=1.5)
+    assert recorder.shown.stroke == ()
+    painted = handle(sent[2], smoothed)
+    _, dot = point_at(painted, recorder.shown, *sight_of(smoothed, places[1]), "click")
+    assert len(dot.stroke_base_mm) == 1
+    controls.render(snapshot(painted, recorder.shown))
+    assert "0 to scan, 1 to avoid" in gui.html()
+    gui.find("button", "Finish painting").happen(CLIENT)
+    controls.render(snapshot(painted, recorder.shown))
+    gui.find("button", "Clear painted regions").happen(CLIENT)
+    assert recorder.sent == [ClearPaintedRegions()]
+
+
+def test_a_stroke_beside_the_surface_says_so_and_one_that_leaves_it_ends_there(smoothed) -> None:
+    view = ViewState(step="path", drawing="paint_scan")
+    beside = np.array((0.0, 0.0, 900.0)), np.array((1.0, 0.0, 0.0))
+    begun, _ = point_at(smoothed, view, *sight_of(smoothed, corners(smoothed)[3]), "start")
+    after, command = point_at(smoothed, begun, *beside, "end")
+    assert (len(command.stroke_base_mm), after.stroke) == (1, ())
+    with pytest.raises(DegenerateGeometryError, match="no surface was measured"):
+        point_at(smoothed, view, *beside, "click")
+
+
+def test_without_a_surface_nothing_can_be_painted() -> None:
+    gui, recorder = FakeGui(), Recorder(ViewState(step="path"))
+    PaintingControls(gui, recorder.context).render(snapshot(Session(), recorder.shown))
+    assert gui.find("button", "Paint region to scan").disabled
+    assert "Measure the surface first" in gui.html()
+
+
+def test_the_footprint_covers_the_brush_on_the_skull_and_no_more() -> None:
+    ball = trimesh.creation.icosphere(4, 75.0)
+    skull = Mesh(np.asarray(ball.vertices, dtype=float), np.asarray(ball.faces))
+    stroke = PaintedStroke("avoid", ((0.0, 0.0, 75.0), (10.0, 0.0, 74.3)), 6.0)
+    mesh = footprint(skull, (stroke,), 0.5)
+    assert (stroke.zone().distances_mm(mesh.vertices) < 7.0).all()
+    np.testing.assert_allclose(np.linalg.norm(mesh.vertices, axis=1), 75.4, atol=0.3)
+    wanted = np.pi * 6.0**2 + 10.0 * 12.0
+    assert trimesh.Trimesh(mesh.vertices, mesh.faces).area == pytest.approx(wanted, rel=0.06)
 
 
 # -- what is drawn ---------------------------------------------------------------------------------

@@ -12,6 +12,7 @@ from rona_core.app.steps.implant.messages import StartBedLines
 from rona_core.app.steps.implant.view import WANTED
 from rona_core.app.steps.maps.accuracy.map_draws import MapDraws, draw_maps
 from rona_core.app.steps.maps.messages import Row
+from rona_core.app.steps.path.painting import allowed_in_patch
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.errors import CancelledError, StepBlockedError
 from rona_core.geometry.arrays import Floats, readonly
@@ -93,6 +94,8 @@ def bed_hearing(session: Session, held: ImplantBed, draws: MapDraws) -> Hearing:
     places = bone.places_mm()
     away = KDTree(beneath).query(places)[0]
     around = maps.outer.ok & (away <= AROUND_MM)
+    if (allowed := allowed_in_patch(session.painted, maps.outer.T_base_map)) is not None:
+        around[around] = allowed(places[around])
     found = require_result(session.results.detection, "detect the boundaries (step 9)").value
     own_mm = found.thickness_sigma_mm[found.inner_ok]
     return Hearing(

@@ -9,6 +9,7 @@ from rona_core.app.steps.maps.accuracy.map_draws import draw_maps
 from rona_core.app.steps.maps.accuracy.probe_place import repeatability_mm
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.errors import CancelledError, InvalidInputError
+from rona_core.path.zones import Zone
 from rona_core.planning.implants.catalogue import implant_named
 from rona_core.planning.implants.implant import MOST_LIFT_MM, Implant
 from rona_core.planning.milling.burr import ball
@@ -23,7 +24,6 @@ from rona_core.planning.placement.search import search_placements
 from rona_core.planning.placement.seat import Placement
 from rona_core.planning.placement.settings import ExecutionError, PlacementLimits
 from rona_core.planning.placement.solid_points import solid_points
-from rona_core.planning.placement.zones import Zone
 from rona_core.session.document import Session
 from rona_core.session.memo import Memo
 

@@ -14,6 +14,7 @@ from rona_core.app.steps.maps.further_passes import (
     usable_second,
 )
 from rona_core.app.steps.maps.messages import StartGapPlan, StartMapping
+from rona_core.app.steps.path.painting import allowed_in_patch, require_none_avoided
 from rona_core.app.steps.roll.derivation import plan_settings
 from rona_core.app.steps.roll.messages import StartRollSearch
 from rona_core.app.steps.scan.probe_poses import probe_poses_of
@@ -181,10 +182,14 @@ def derive_second(
     speed = detection.sound_speed_mm_per_us
     if message.rows:
         way = plan_along(maps, message.rows, speed, message)
+        require_none_avoided(session.painted, way.path.points_base)
         return plan_further_pass(session, way, progress=progress, cancel=cancel)
-    way = plan_second_pass(maps, speed, message)
+    allowed = allowed_in_patch(session.painted, maps.outer.T_base_map)
+    way = plan_second_pass(maps, speed, message, allowed)
     if way is None:
-        raise StepBlockedError("StartGapPlan is blocked: no gap is left in the inner map")
+        raise StepBlockedError(
+            "StartGapPlan is blocked: no gap is left in the inner map where it may be scanned"
+        )
     return plan_further_pass(session, way, progress=progress, cancel=cancel)
 
 

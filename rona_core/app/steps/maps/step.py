@@ -18,6 +18,7 @@ from rona_core.app.steps.maps.derivation import (
 )
 from rona_core.app.steps.maps.further_passes import forget_corrections, with_pass
 from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
+from rona_core.app.steps.path.painting import PAINTED
 from rona_core.app.steps.scan.captures import capture_scan
 from rona_core.app.steps.scan.probe_mounting import KNOWN_MOUNTING
 from rona_core.app.steps.setup import capture_parts as parts
@@ -118,6 +119,7 @@ STEP = declare.Step(
                 "capture": SCAN_CAPTURE,
                 "surface": SURFACE,
                 "head": HEAD,
+                "painted regions": PAINTED,
                 **DRIVEN,
             },
             "plan the second pass (step 9)",

@@ -5,6 +5,7 @@ import numpy as np
 from rona_core.app.dependencies.base_reference import reference_of
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.steps.path.messages import BuildPath, GenerateScanPattern
+from rona_core.app.steps.path.painting import CLEARANCE_MM, allowed_in_patch
 from rona_core.app.steps.surface.derivation import tip_track
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.arrays import Vector3
@@ -53,8 +54,15 @@ def viewpoint_base(session: Session) -> Vector3:
     return np.vstack(seen).mean(axis=0)
 
 
-def derive_pattern(session: Session, message: GenerateScanPattern) -> RawPath:
+def derive_pattern(
+    session: Session, message: GenerateScanPattern, *, clearance_mm: float = CLEARANCE_MM
+) -> RawPath:
     """Make a path by rule on the measured surface; no other surface is looked at.
+
+    Args:
+        session: Holds the surface, and what was painted on it.
+        message: What is wanted.
+        clearance_mm: Kept to what is to be avoided.
 
     Raises:
         DegenerateGeometryError: the surface was not sampled there, or the boundary cuts the
@@ -63,10 +71,12 @@ def derive_pattern(session: Session, message: GenerateScanPattern) -> RawPath:
     cloud = require_result(session.results.surface, "sample the surface").value.points_base
     radius_mm = message.radius_mm or session.setup.region.radius_mm
     boundary = np.array(message.boundary_base_mm, dtype=np.float64).reshape(-1, 3)
-    center = message.center_base_mm
+    center, painted = message.center_base_mm, session.painted
     if center is None:
         center = np.median(cloud if not len(boundary) else boundary, axis=0)
     center = project_to_surface(cloud, center)
+    if not len(boundary) and message.radius_mm is None:
+        radius_mm = max(radius_mm, painted.reach_mm(center))
     near = cloud[np.linalg.norm(cloud - center, axis=1) <= radius_mm]
     plane = fit_plane(near)
     outward = 1.0 if plane.normal @ (viewpoint_base(session) - center) > 0 else -1.0
@@ -85,6 +95,9 @@ def derive_pattern(session: Session, message: GenerateScanPattern) -> RawPath:
         spacing_mm=message.spacing_mm,
         margin_mm=message.margin_mm,
         step_mm=PATTERN_STEP_MM,
+        allowed=allowed_in_patch(
+            painted, T_base_patch, clearance_mm=clearance_mm, margin_mm=message.margin_mm
+        ),
     )
     if made.stroke[-1] > 0:
         raise DegenerateGeometryError(

@@ -101,6 +101,33 @@ class ClearPathEdits:
     """Forget all changes of the path by hand."""
 
 
+@message
+class PaintRegion:
+    """Paint on the bone where to scan, or what to avoid: one stroke of a round brush.
+
+    The stroke is a line of places on the measured surface, in base. Patterns, strokes of the
+    pointer, the smoothed path and further passes keep to it; where nothing is painted to be
+    scanned, all that is not to be avoided may be.
+    """
+
+    kind: Literal["scan", "avoid"]
+    stroke_base_mm: tuple[Point, ...]
+    radius_mm: float = within(1.0, 20.0, default=5.0)
+
+    def __post_init__(self) -> None:
+        count = len(self.stroke_base_mm)
+        require(1 <= count <= MAX_CORNERS, f"a stroke has 1 to {MAX_CORNERS} places, not {count}")
+        for place in self.stroke_base_mm:
+            _require_place("stroke_base_mm", place)
+
+
+@message
+class ClearPaintedRegions:
+    """Clear what was painted: of one kind, or, without a kind, all of it."""
+
+    kind: Literal["scan", "avoid"] | None = None
+
+
 PathChange = MovePathPoint | InsertPathPoint | DeletePathPoint | PinPathSample | ClearPathEdits
 
 

@@ -1,17 +1,29 @@
 """Path: the scan path, demonstrated, drawn by rule, and edited by hand."""
 
+import numpy as np
+
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext, Input
 from rona_core.app.dependencies.base_reference import carried_remark, found_again, placed_reason
 from rona_core.app.dependencies.head_reference import head_input
 from rona_core.app.dependencies.inputs import capture_input, result_input
+from rona_core.app.messages.message import Point
 from rona_core.app.runtime.handling import record
 from rona_core.app.runtime.recording import capture_stroke
 from rona_core.app.steps.path import messages
 from rona_core.app.steps.path.derivation import derive_path, derive_pattern, is_pattern
 from rona_core.app.steps.path.handlers import change_path, compute_path
+from rona_core.app.steps.path.painting import (
+    CLEARANCE_MM,
+    HAND_MM,
+    PAINTED,
+    clear_painted,
+    paint_region,
+    require_allowed_picks,
+)
 from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.setup.inputs import CHOOSE_REFERENCE, RADIUS
+from rona_core.app.steps.surface.messages import MAX_PICKS
 from rona_core.session.captures import PointerCapture
 from rona_core.session.document import Session
 
@@ -24,17 +36,30 @@ REFERENCE = Input(lambda s: found_again(s, (s.captures.path,)), CHOOSE_REFERENCE
 def capture_path(
     activity: messages.StartPathCapture, session: Session, context: ActivityContext
 ) -> PointerCapture:
-    """Record the pointer marker while the pointer demonstrates the scan path."""
+    """Record the pointer marker while the pointer demonstrates the scan path.
+
+    Where regions are painted, the hand without picks follows a raster that keeps to them.
+    """
     return capture_stroke(
         "path",
         session,
         context,
-        activity.picks_base_mm,
+        activity.picks_base_mm or _within_painted(activity, session),
         activity.duration_s,
         lambda: context.rig.operator.draw(
             spacing_mm=activity.spacing_mm, duration_s=activity.duration_s
         ),
     )
+
+
+def _within_painted(activity: messages.StartPathCapture, session: Session) -> tuple[Point, ...]:
+    """Return places of a raster within what is painted; none where nothing is."""
+    if not len(session.painted):
+        return ()
+    pattern = messages.GenerateScanPattern(spacing_mm=activity.spacing_mm)
+    line = derive_pattern(session, pattern, clearance_mm=CLEARANCE_MM + HAND_MM).points_base
+    points = line[:: int(np.ceil(len(line) / MAX_PICKS))]
+    return tuple((float(x), float(y), float(z)) for x, y, z in points)
 
 
 def _summary(session: Session) -> str:
@@ -65,6 +90,8 @@ STEP = declare.Step(
             messages.PinPathSample, change_path, needs=(PATH, SURFACE), takes_stale=True
         ),
         declare.Command(messages.ClearPathEdits, change_path),
+        declare.Command(messages.PaintRegion, paint_region, needs=(SURFACE,), takes_stale=True),
+        declare.Command(messages.ClearPaintedRegions, clear_painted),
     ),
     activities=(
         declare.Activity(
@@ -73,6 +100,7 @@ STEP = declare.Step(
             "Demonstrating the path",
             needs=(TOOL, POINTER),
             blocked=placed_reason,
+            check=require_allowed_picks,
             records=True,
         ),
     ),
@@ -101,7 +129,7 @@ STEP = declare.Step(
             "path",
             messages.GenerateScanPattern,
             derive_pattern,
-            {"surface": SURFACE, "region": RADIUS},
+            {"surface": SURFACE, "region": RADIUS, "painted regions": PAINTED},
             "demonstrate the path (step 5)",
         ),
     ),

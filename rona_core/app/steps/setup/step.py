@@ -9,10 +9,12 @@ from rona_core.app.steps.setup import messages
 from rona_core.devices.settings import (
     ContactSettings,
     ProbeSettings,
+    RobotSettings,
     TrackerPlace,
 )
 from rona_core.devices.world_settings import WorldSettings
 from rona_core.errors import NotFoundError
+from rona_core.path.painted_regions import PaintedRegions
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import RegionChoice, Session
 from rona_core.session.specimen import BoneChoice, SimulatedSkull
@@ -20,12 +22,18 @@ from rona_core.session.specimen import BoneChoice, SimulatedSkull
 
 def set_seed(message: messages.SetSeed, session: Session) -> Session:
     """Carry out `SetSeed`."""
-    return session.with_setup(seed=message.seed)
+    return _unpainted(session).with_setup(seed=message.seed)
 
 
 def use_simulated_skull(message: messages.UseSimulatedSkull, session: Session) -> Session:
     """Carry out `UseSimulatedSkull`."""
-    return session.with_setup(specimen=SimulatedSkull(message.side), region=RegionChoice())
+    skull = SimulatedSkull(message.side)
+    return _unpainted(session).with_setup(specimen=skull, region=RegionChoice())
+
+
+def _unpainted(session: Session) -> Session:
+    """Return the session without painted regions: they are of another bone or place."""
+    return replace(session, painted=PaintedRegions())
 
 
 def set_bone_model(message: messages.SetBoneModel, session: Session) -> Session:
@@ -73,8 +81,16 @@ def set_tool_visible(message: messages.SetToolVisible, session: Session) -> Sess
 def set_robot(message: messages.SetRobot, session: Session) -> Session:
     """Carry out `SetRobot`; how it presses the probe on stays as it was."""
     robot_model(message.model)  # refuses an unknown name
-    robot = replace(session.setup.devices.robot, **values_of(message, messages.SetRobot))
+    before = session.setup.devices.robot
+    robot = replace(before, **values_of(message, messages.SetRobot))
+    if base_place(robot) != base_place(before):
+        session = _unpainted(session)
     return session.with_devices(robot=robot)
+
+
+def base_place(robot: RobotSettings) -> tuple[object, ...]:
+    """Return what decides where the head is in ``base``: another arm has it elsewhere."""
+    return robot.model, robot.base_shift_mm, robot.base_turn_deg
 
 
 def set_contact(message: messages.SetContact, session: Session) -> Session:
@@ -114,7 +130,7 @@ def set_pointer(message: messages.SetPointer, session: Session) -> Session:
 def store_skull(message: messages.StoreSkull, session: Session) -> Session:
     """Put a skull that was read from a file on the table."""
     region = RegionChoice(None, message.skull.radius_mm)
-    return session.with_setup(specimen=message.skull, region=region)
+    return _unpainted(session).with_setup(specimen=message.skull, region=region)
 
 
 def import_uploaded_skull(

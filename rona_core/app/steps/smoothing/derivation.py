@@ -6,6 +6,7 @@ import numpy as np
 
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.steps.path.derivation import is_pattern, viewpoint_base
+from rona_core.app.steps.path.painting import require_none_avoided
 from rona_core.app.steps.smoothing.messages import SmoothScanPath
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.arrays import Floats, readonly
@@ -49,6 +50,7 @@ def derive_smoothing(session: Session, message: SmoothScanPath) -> SmoothPath:
 
     Raises:
         DegenerateGeometryError: the cloud is too thin around a path point.
+        InvalidInputError: the path comes into a region to avoid.
     """
     source = path_source(session, message.filter_s)
     edited = source.edited
@@ -68,6 +70,7 @@ def finished_path(
 
     Raises:
         DegenerateGeometryError: the cloud is too thin around a path point.
+        InvalidInputError: the path comes into a region to avoid.
     """
     cloud = require_result(session.results.surface, "sample the surface").value
     corners = source.edited.points_base[simplified.index]
@@ -88,11 +91,12 @@ def finished_path(
             f"{normals.radius_mm:.3g} mm: {normals.flags[first].replace('_', ' ')}): "
             "sample the surface there or enlarge the radius"
         )
-    kept = simplified.index
+    kept, path = simplified.index, densify(places, -normals.normals)
+    require_none_avoided(session.painted, path.points_base)
     return SmoothPath(
         simplified=simplified,
         normals=normals,
-        path=densify(places, -normals.normals),
+        path=path,
         way_points_base=readonly(places) if message.normal_step_mm > 0 else None,
         corners_base=readonly(corners),
         from_raw_mm=readonly(distances_to_edited(source.raw_base, source.edited, kept)),

@@ -4,6 +4,7 @@ from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import Input
 from rona_core.app.dependencies.inputs import result_input
 from rona_core.app.runtime.handling import compute_result
+from rona_core.app.steps.path.painting import PAINTED
 from rona_core.app.steps.smoothing.derivation import derive_smoothing
 from rona_core.app.steps.smoothing.messages import SmoothScanPath
 from rona_core.session.document import Session
@@ -30,7 +31,7 @@ STEP = declare.Step(
             "smoothing",
             SmoothScanPath,
             derive_smoothing,
-            {"path": PATH, "surface": SURFACE, "edits": EDITS},
+            {"path": PATH, "surface": SURFACE, "edits": EDITS, "painted regions": PAINTED},
             "smooth the path (step 6)",
         ),
     ),

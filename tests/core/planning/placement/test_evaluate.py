@@ -12,6 +12,7 @@ from benchmarks.reference.bone_worlds import (
     true_residual_mm,
 )
 from rona_core.errors import InvalidInputError
+from rona_core.path.zones import Zone
 from rona_core.planning.bed import Screw
 from rona_core.planning.placement.evaluate import judge_placement
 from rona_core.planning.placement.figures import Shortfall
@@ -20,7 +21,6 @@ from rona_core.planning.placement.problem import PlacementProblem
 from rona_core.planning.placement.seat import Placement
 from rona_core.planning.placement.settings import ExecutionError, PlacementLimits
 from rona_core.planning.placement.solid_points import solid_points
-from rona_core.planning.placement.zones import Zone
 from tests.scenes.bone_plates import AT, U, V, maps_of, plate
 
 EXACT = ExecutionError(0.0, 0.0)

@@ -1,4 +1,4 @@
-"""Zones that a bed has to keep away from: a sinus, a suture, a screw of something else."""
+"""Zones of a surface: a point, a line or an area, from which a bed or a scan keeps away."""
 
 from dataclasses import dataclass
 
@@ -12,18 +12,23 @@ from rona_core.geometry.arrays import Bools, Floats, as_floats, readonly
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Zone:
-    """A point, a line or an area in the plane of the map, and how far a bed stays away from it."""
+    """A point, a line or an area, and how far from it the zone reaches.
+
+    Corners lie in a plane (u and v of the map); those of a point or a line may be places in space.
+    """
 
     name: str
-    corners_mm: Floats  # (n, 2) u and v: one is a point, more are a line
+    corners_mm: Floats  # (n, 2) or (n, 3): one is a point, more are a line
     closed: bool  # the line is the border of an area
     distance_mm: float
 
     def __post_init__(self) -> None:
         corners = as_floats(self.corners_mm, name="corners_mm")
-        if corners.ndim != 2 or corners.shape[1] != 2 or not len(corners):
+        flat = corners.ndim == 2 and corners.shape[1] == 2
+        in_space = corners.ndim == 2 and corners.shape[1] == 3 and not self.closed
+        if not (flat or in_space) or not len(corners):
             raise InvalidInputError(
-                f"zone {self.name!r} needs corners (n, 2) in the plane of the map, "
+                f"zone {self.name!r} needs corners (n, 2) in a plane, or, of a line, (n, 3), "
                 f"not an array {corners.shape}"
             )
         if self.closed and len(corners) < 3:
@@ -34,7 +39,7 @@ class Zone:
         object.__setattr__(self, "corners_mm", readonly(corners))
 
     def distances_mm(self, places_mm: ArrayLike) -> Floats:
-        """Return how far places (n, 2) are from the zone, 0 within an area."""
+        """Return how far places (n, 2) or (n, 3) are from the corners' line, 0 within an area."""
         places = np.asarray(places_mm, dtype=np.float64)
         starts = self.corners_mm
         ends = np.roll(starts, -1, axis=0) if self.closed else np.vstack((starts[1:], starts[-1:]))

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from rona_core.errors import InvalidInputError
-from rona_core.planning.placement.zones import Zone
+from rona_core.path.zones import Zone
 
 SQUARE = np.array([(0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0)])
 
@@ -30,7 +30,8 @@ def test_an_area_with_a_bay_does_not_hold_it():
     ("corners", "closed", "distance", "message"),
     [
         (np.zeros((0, 2)), False, 1.0, "needs corners"),
-        (np.zeros((3, 3)), False, 1.0, "needs corners"),
+        (np.zeros((3, 4)), False, 1.0, "needs corners"),
+        (np.zeros((3, 3)), True, 1.0, "needs corners"),
         (SQUARE[:2], True, 1.0, "at least 3"),
         (SQUARE, True, -1.0, "distance_mm must be"),
         (SQUARE * np.nan, True, 1.0, "finite"),
