@@ -27,6 +27,18 @@ class Bench(Protocol):
         """Hold the probe on a flat block of steel and fire ``n`` times, its line this warm."""
         ...
 
+    def taught_landmarks(self) -> tuple[tuple[str, ...], Floats]:
+        """Return the landmarks near the head that the robot's tip has touched.
+
+        Returns:
+            Their names (n), and the joint angles (n, 6) that the robot's controller kept when its
+            tip, led by hand, sat in each.
+
+        Raises:
+            DeviceError: the robot reaches too few of them where it stands.
+        """
+        ...
+
     def record_gauge_plate(
         self, settings: ProbeSettings, depth_mm: float, n: int
     ) -> tuple[AScanTrack, float]:

@@ -196,6 +196,13 @@ class Operator(Protocol):
         """Demonstrate a scan path: a meander over the region, lines ``spacing_mm`` apart."""
         ...
 
+    def touch(self, landmarks: tuple[str, ...], *, dwell_s: float, travel_s: float) -> float:
+        """Rest with the tip in each landmark for a while, and take so long from each to the next.
+
+        The first is reached after ``travel_s``.
+        """
+        ...
+
     def hold(self, tool: str) -> None:
         """Take another tool in the hand than the pointer of the settings, for this capture."""
         ...

@@ -68,6 +68,8 @@ KEYS = (
     "min_clearance_mm",
     "roll_variation_deg",
     "min_joint_margin_deg",
+    "landmark_distance_mm",
+    "landmark_sigma_mm",
     "scan_points",
     "second_pass_points",
     "second_pass_reason",

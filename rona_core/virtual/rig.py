@@ -25,6 +25,7 @@ from rona_core.virtual.robot.contact_depth import ContactDepth
 from rona_core.virtual.robot.force_sensor import VirtualForceSensor
 from rona_core.virtual.robot.joint_errors import JointErrors
 from rona_core.virtual.robot.robot import VirtualRobot
+from rona_core.virtual.robot.taught_landmarks import teach_landmarks
 from rona_core.virtual.scene import VirtualScene
 from rona_core.virtual.tracker.live_tracker import VirtualLiveTracker
 from rona_core.virtual.tracker.occlusion import LinesOfSight
@@ -179,7 +180,7 @@ class VirtualRig:
             sliding=self._sliding if world.friction else None,
         )
         self.force = self._force_sensor()
-        self.bench = VirtualBench(self.scene)
+        self.bench = VirtualBench(self.scene, lambda scene: teach_landmarks(scene, self._model))
         self.display = VirtualDisplay(self.scene, self._pointer_now)
         self.begin(settings, 0)
 

@@ -32,6 +32,15 @@ DIMPLE = (640.0, 230.0, 360.0)  # a block beside the head that holds a pointer's
 BASE_MARKER = (370.0, -270.0, 300.0)  # on a bracket of the robot base; it faces the tracker
 HEAD_MARKER = (695.0, 0.0, 445.0)  # on a bracket screwed to the bone, on the tracker's side
 
+# Divots on a frame around the head, offsets from the region: as seen from the robot
+LANDMARKS = {
+    "near left": (-90.0, 170.0, -50.0),
+    "near right": (-90.0, -170.0, -50.0),
+    "far left": (90.0, 170.0, -50.0),
+    "far right": (90.0, -170.0, -50.0),
+    "far middle": (170.0, 0.0, -70.0),
+}
+
 PLACEMENT_SD = (2.0, np.deg2rad(1.0))  # mm and rad per axis: how exactly people place things
 MOUNTING_SD = (1.5, np.deg2rad(0.8))  # likewise, of the marker on the tool
 SONO_AXIS_SD_RAD = np.deg2rad(0.8)  # per axis: of the probe's axis against what its maker says
@@ -70,6 +79,7 @@ class VirtualScene:
         T_base_basemarker: The marker body on the robot base, as it is really mounted.
         T_base_headmarker: The marker body on the head, while that lies where ``T_base_skull`` says.
         T_sonomarker_probe: The probe in the marker frame of the SonoPointer, z into the bone.
+        landmarks_base: Bottoms (3,) of the divots on the frame around the head, by name.
         shafts: Direction (3,) from the tip to the hand of each tool, in its marker frame.
     """
 
@@ -127,6 +137,10 @@ class VirtualScene:
         on_head = np.array(region_center) + np.array(HEAD_MARKER) - np.array(REGION_CENTER)
         fixed = _facing(on_head, tracker.translation) @ _jitter(generator, MOUNTING_SD)
         self.T_base_headmarker = moved.inv() @ fixed
+        frame = np.array(region_center) + generator.normal(0.0, PLACEMENT_SD[0], 3)
+        self.landmarks_base = {
+            name: readonly(moved.inv() @ (frame + offset)) for name, offset in LANDMARKS.items()
+        }
         self.shafts = {tool: UP for tool in ("pointer6d", "pointer5d")}
         self.shafts[SONO] = readonly(-self.T_sonomarker_probe.rotation[:, 2])
 

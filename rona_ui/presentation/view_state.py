@@ -46,6 +46,7 @@ LAYERS = {
     "rolls": "Roll candidates",
     "obstacles": "Obstacles",
     "places": "Base poses",
+    "landmarks": "Landmarks",
     "scan": "Scan points",
     "outer": "Outer map",
     "inner": "Inner map",
@@ -70,7 +71,7 @@ NEEDED: dict[str, frozenset[str]] = {
     "path": _ALWAYS | frozenset(("pointer", "region", "path", "painted")),
     "smoothing": _ALWAYS | frozenset(("path", "arrows", "warnings", "painted")),
     "roll": _ALWAYS | frozenset(("robot", "path", "rolls", "obstacles", "places")),
-    "scan": _ALWAYS | frozenset(("robot", "path", "scan", "obstacles", "painted")),
+    "scan": _ALWAYS | frozenset(("robot", "path", "scan", "obstacles", "painted", "landmarks")),
     "maps": _ALWAYS
     | frozenset(("region", "pointer", "outer", "inner", "fused", "second", "references")),
     "implant": _ALWAYS | frozenset(("inner", "implant", "bed", "milling", "chance", "bone_left")),

@@ -14,6 +14,7 @@ from rona_ui.scene.implant import (
     MovedBedLayer,
     UnmappedLayer,
 )
+from rona_ui.scene.landmarks import LandmarkLayer
 from rona_ui.scene.layer import Layer
 from rona_ui.scene.lights import light
 from rona_ui.scene.maps.growing_map import GrowingMapLayer
@@ -68,6 +69,7 @@ class SceneRenderer:
             RollsLayer(self.nodes),
             MarginsLayer(self.nodes),
             PlacesLayer(self.nodes, FLOOR_MM),
+            LandmarkLayer(self.nodes),
             ScanLayer(self.nodes),
             GrowingMapLayer(self.nodes),
             *(MapLayer(self.nodes, name) for name in ("outer", "inner", "fused")),

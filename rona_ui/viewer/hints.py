@@ -88,6 +88,9 @@ HINTS = {
     "Path colour": "Margin that colours the path in the scene",
     "Joint": "Joint that the graph shows alone",
     # scan
+    "Verify on landmarks": "The pointer touches the landmarks the robot knows, and is compared",
+    "Reason": "Why the robot may scan although the verification failed; the log keeps it",
+    "Override verification": "Lets the robot scan for the reason above",
     "Max. correction (mm)": "How far force control may move the probe off the plan",
     "Soft force limit (N)": "Above this force the probe yields",
     "Hard force limit (N)": "Above this force the robot stops",

@@ -4,7 +4,7 @@ A step declares itself once, in its folder below `rona_core.app.steps`; routes, 
 replay and the step list follow from the declarations (`registry`).
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import CancelledError as PoolCancelled
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -83,7 +83,7 @@ Reason: TypeAlias = Callable[[Session], str | None]  # why something cannot be d
 Arguments: TypeAlias = Mapping[str, object]
 
 
-Perform: TypeAlias = Callable[[Message, Session, ActivityContext], tuple[Message, ...]]
+Perform: TypeAlias = Callable[[Message, Session, ActivityContext], Iterable[Message]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,8 +112,8 @@ class Command:
 class Activity:
     """A message that takes time or touches a device, and what carries it out on a snapshot.
 
-    What ``perform`` returns is dispatched in that order when the activity ends. Activities that
-    use devices run one at a time.
+    What ``perform`` returns is dispatched in that order: of a generator while it works, else when
+    the activity ends. Activities that use devices run one at a time.
     """
 
     message: type

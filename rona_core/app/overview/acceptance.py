@@ -12,6 +12,7 @@ from rona_core.app.dependencies.inputs import CAPTURE
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.overview.figure_kinds import FIGURES, Sense
 from rona_core.app.steps.scan.head_view import unwatched
+from rona_core.app.steps.scan.landmarks.gate import verification
 from rona_core.session.document import Session
 from rona_core.session.specimen import LoadedSkull
 
@@ -144,6 +145,10 @@ def _with_own_word(key: str, judged: Verdict, session: Session) -> tuple[Verdict
         held = session.results.get(CALIBRATED[key])
         if held is not None and OWN_WORD[held.value.verdict] != "pass":
             return worst((judged, OWN_WORD[held.value.verdict])), "; ".join(held.value.reasons)
+    if key == "landmark_distance_mm":
+        found = verification(session)
+        if found.state in ("failed", "overridden"):
+            return "fail", found.sentence.rstrip(".")
     speed = session.results.speed
     if key == "thickness_sigma_predicted_mm" and speed is not None:
         if speed.value.verdict == "bad" and stale_reason("speed", session) is None:

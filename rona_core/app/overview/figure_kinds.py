@@ -60,6 +60,10 @@ FIGURES: dict[str, FigureKind] = {
         "Distance from joint limits", "roll", "deg", 1, 0.0, "at least"
     ),
     "min_clearance_mm": FigureKind("Least clearance of the robot", "roll", "mm", 1),
+    "landmark_distance_mm": FigureKind(
+        "Landmarks, tracker against robot, RMS", "landmarks", "mm", 2, 2.0
+    ),
+    "landmark_sigma_mm": FigureKind("Landmarks, expected", "landmarks", "mm", 2),
     "scan_points": FigureKind("A-scans", "capture scan"),
     "second_pass_points": FigureKind("A-scans of further passes", "capture second"),
     "second_pass_reason": FigureKind("No second pass, because", ""),

@@ -11,12 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rona_core.app.dependencies.base_reference import TrackerReference, weakest_reference
-from rona_core.app.overview.touched_places import Evidence, repeating_errors
 from rona_core.app.steps.acoustics.thickness_uncertainty import thickness_shares
+from rona_core.app.steps.pointer.touched_places import Evidence, repeating_errors
 from rona_core.app.steps.scan.head_view import head_figures
 from rona_core.calibration.error_propagation import MapSetup, predict_map_error
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.calibration.handheld.pointer import PointerCalibration
+from rona_core.calibration.landmark_check import LandmarkCheck
 from rona_core.calibration.tracking_error import MarkerNoise
 from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.geometry.arrays import Floats, Ints, readonly
@@ -187,8 +188,17 @@ def predicted_figures(session: Session) -> dict[str, float | None]:
         "surface_sigma_predicted_mm": None if surface is None else surface.normal_mm,
         "skull_registration_sigma_mm": predict_skull_mm(session),
         "thickness_sigma_predicted_mm": None if thickness is None else thickness.total_mm,
+        **_landmark_figures(session),
         **head_figures(session),
     }
+
+
+def _landmark_figures(session: Session) -> dict[str, float]:
+    held = session.results.get("landmarks")
+    if held is None:
+        return {}
+    check: LandmarkCheck = held.value
+    return {"landmark_distance_mm": check.rms_mm, "landmark_sigma_mm": check.expected_rms_mm}
 
 
 def frames_averaged(strokes: tuple[PointerCapture, ...], average_s: float) -> int:

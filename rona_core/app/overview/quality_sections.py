@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from rona_core.app.overview.acceptance import QualityRow
 
 MAPS = "outer inner thickness fused coverage detection unfl flagged scan_thick sound"
+SCAN = "roll landmark scan_p scan_d min_ contact head second references"
 SECTIONS = (  # title, what the keys begin with, steps that the figures come from
     ("Calibration", "tool_tip tracker_reg pointer_tip", ("tool", "pointer")),
     ("Surface and path", "surface skull_reg path normal", ("surface", "path", "smoothing")),
-    ("Robot and scan", "roll scan_p scan_d min_ contact head second references", ("roll", "scan")),
+    ("Robot and scan", SCAN, ("roll", "scan")),
     ("Maps", MAPS, ("maps",)),
     ("Implant bed", "bed milling rehearsal", ("implant",)),
     ("Handheld scan", "sono", ()),
@@ -21,6 +22,7 @@ PREDICTED = {
     "pointer_tip_error_mm": "pointer_tip_sigma_mm",
     "surface_rms_mm": "surface_sigma_predicted_mm",
     "skull_registration_tre_mm": "skull_registration_sigma_mm",
+    "landmark_distance_mm": "landmark_sigma_mm",
     "scan_thickness_rms_mm": "thickness_sigma_predicted_mm",
 }
 

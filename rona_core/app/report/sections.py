@@ -13,6 +13,7 @@ from rona_core.app.steps.roll.certificate_view import CertificateView, certifica
 from rona_core.app.steps.roll.plan_reasons import plan_reason, roll_summary
 from rona_core.app.steps.scan.contact_view import contact_report, delay_sentence
 from rona_core.app.steps.scan.head_view import head_report
+from rona_core.app.steps.scan.landmarks.gate import verification
 from rona_core.app.steps.scan.probe_mounting import mounting_view
 from rona_core.app.steps.tool.calibration_view import Step, calibration_view
 from rona_core.app.steps.tool.derivation import delay_words
@@ -84,6 +85,7 @@ def calibration_section(session: Session) -> Html:
         lines.append(f"Probe mounting: {mounting.sentence}")
     if head is not None:
         lines.append(head.sentence)
+    lines.append(f"Verification on landmarks: {verification(session).sentence}")
     parts += [tag("p", line) for line in lines]
     frames = [
         (

@@ -11,6 +11,7 @@ from rona_core.app.steps.path.step import STEP as PATH
 from rona_core.app.steps.pointer.step import STEP as POINTER
 from rona_core.app.steps.recordings.step import STEP as RECORDINGS
 from rona_core.app.steps.roll.step import STEP as ROLL
+from rona_core.app.steps.scan.landmarks.step import STEP as LANDMARKS
 from rona_core.app.steps.scan.step import STEP as SCAN
 from rona_core.app.steps.setup.step import STEP as SETUP
 from rona_core.app.steps.smoothing.step import STEP as SMOOTHING
@@ -27,6 +28,7 @@ STEPS = (
     SMOOTHING,
     RECORDINGS,
     ROLL,
+    LANDMARKS,
     SCAN,
     ACOUSTICS,
     MAPS,

@@ -1,5 +1,6 @@
 """Virtual plates of bone and blocks of steel, to try probes on, and a caliper on the true bone."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -149,11 +150,15 @@ def _on_steel(
     return AScanTrack.from_scans(scans)
 
 
+Teach = Callable[[VirtualScene], tuple[tuple[str, ...], Floats]]
+
+
 class VirtualBench:
     """Measures on the true bone, with the error of a caliper; satisfies ``devices.Bench``."""
 
-    def __init__(self, scene: VirtualScene) -> None:
-        """Measure in this scene."""
+    def __init__(self, scene: VirtualScene, teach: Teach | None = None) -> None:
+        """Measure in this scene; ``teach`` is a robot's tip led into its landmarks."""
+        self._teach = teach
         self.begin(scene, 0)
 
     def begin(self, scene: VirtualScene, ordinal: int) -> None:
@@ -184,6 +189,16 @@ class VirtualBench:
         self._block += 1
         ordinal = 1000 * self._ordinal + self._block  # noise of its own for each temperature
         return record_block(warm, n, self._scene.seed, ordinal, self._scene.world)
+
+    def taught_landmarks(self) -> tuple[tuple[str, ...], Floats]:
+        """Return the landmarks that the robot's tip was led into.
+
+        Raises:
+            DeviceError: it reaches too few, or there is no robot beside this bench.
+        """
+        if self._teach is None:
+            raise DeviceError("there is no robot beside this bench to touch landmarks with")
+        return self._teach(self._scene)
 
     def record_gauge_plate(
         self, settings: ProbeSettings, depth_mm: float, n: int

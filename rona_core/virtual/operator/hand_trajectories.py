@@ -11,6 +11,7 @@ from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, Vector3
 from rona_core.virtual.pointer_motion import (
     TILT_HZ,
+    TREMOR_HZ,
     WANDER_HZ,
     BandLimitedNoise,
     TipTrajectory,
@@ -20,6 +21,8 @@ from rona_core.virtual.pointer_motion import (
 from rona_core.virtual.scene import VirtualScene
 
 MIN_SPACING_MM = 0.2
+PIVOT_FROM_SIGHT_RAD = np.deg2rad(80.0)  # between the middle of a pivot and the line of sight
+SHAFT_TREMOR_RAD = np.deg2rad(0.1)
 SAMPLE_MM = 0.1  # between the points that a curve is given by
 STAND_OFF_MM = 40.0  # from where a place is projected onto the bone
 MAX_GAP = 0.05  # share of a stroke that may cross holes of the bone
@@ -68,6 +71,26 @@ def raster_curve(radius_mm: float, spacing_mm: float) -> Floats:
             pieces.append(np.column_stack((arc_x, middles[i] + turn_mm * np.sin(angle))))
         x, side = stop, -side
     return np.concatenate(pieces)
+
+
+def spiral_tilts(times_s: Floats, cone_rad: float, generator: np.random.Generator) -> Floats:
+    """Return the tilts (n, 2) of a shaft that swings in a spiral over a cone, out and in."""
+    share = motion_progress(times_s, generator)
+    tremor = BandLimitedNoise.draw(generator, TREMOR_HZ, SHAFT_TREMOR_RAD, 2).at(times_s)
+    angle = cone_rad * np.sin(np.pi * share)
+    turns = max(4.0, round(float(times_s[-1]) / 2.0))
+    around = 2.0 * np.pi * turns * share + generator.uniform(0.0, 2.0 * np.pi)
+    return angle[:, None] * np.column_stack((np.cos(around), np.sin(around))) + tremor
+
+
+def pivot_axis(sight: Vector3) -> Vector3:
+    """Return a direction near the vertical that leaves the markers well in view.
+
+    Args:
+        sight: Unit direction (3,) to the tracker.
+    """
+    x, _, _ = tangent_axes(sight, np.array((0.0, 0.0, 1.0)))
+    return np.cos(PIVOT_FROM_SIGHT_RAD) * sight + np.sin(PIVOT_FROM_SIGHT_RAD) * x
 
 
 def interpolating_curve(points: Floats) -> Floats:

@@ -10,15 +10,19 @@ from rona_core.geometry.pose import Pose
 from rona_core.virtual.clock import CaptureClock
 from rona_core.virtual.noise import rng
 from rona_core.virtual.operator.hand_trajectories import (
+    SHAFT_TREMOR_RAD,
     interpolating_curve,
+    pivot_axis,
     points_along,
     project_onto_bone,
     raster_curve,
     rotation_in_bush,
     slide_over_region,
+    spiral_tilts,
     tangent_axes,
     tilted,
 )
+from rona_core.virtual.operator.landmark_touch import touch_landmarks
 from rona_core.virtual.operator.manual_pivot import ManualPivot
 from rona_core.virtual.pointer_motion import (
     TILT_HZ,
@@ -41,8 +45,6 @@ PICK_REACH_MM = 15.0  # a place further from the bone than this cannot have been
 MEAN_TILT_RAD = np.deg2rad(8.0)  # away from the tracker, so that the markers are seen better
 TILT_RMS_RAD = np.deg2rad(3.0)
 MAX_TILT_RAD = np.deg2rad(20.0)
-PIVOT_FROM_SIGHT_RAD = np.deg2rad(80.0)  # between the middle of a pivot and the line of sight
-SHAFT_TREMOR_RAD = np.deg2rad(0.1)
 DURATION_S = (1.0, 600.0)
 CONE_DEG = (1.0, 60.0)
 HALF_TURN_DEG = (1.0, 85.0)
@@ -86,14 +88,9 @@ class VirtualOperator:
         _check("duration_s", duration_s, DURATION_S)
         generator = self._generator()
         times = sample_times_s(duration_s)
-        share = motion_progress(times, generator)
-        tremor = BandLimitedNoise.draw(generator, TREMOR_HZ, SHAFT_TREMOR_RAD, 2).at(times)
-        angle = np.deg2rad(cone_deg) * np.sin(np.pi * share)
-        turns = max(4.0, round(duration_s / 2.0))
-        around = 2.0 * np.pi * turns * share + generator.uniform(0.0, 2.0 * np.pi)
+        tilt = spiral_tilts(times, np.deg2rad(cone_deg), generator)
         tip = self._scene.dimple_base
         x, y, z = tangent_axes(self._pivot_axis(tip), self._sight(tip))
-        tilt = angle[:, None] * np.column_stack((np.cos(around), np.sin(around))) + tremor
         shafts = tilted(np.broadcast_to(z, (len(times), 3)), x, y, tilt)
         return self._prepare(TipTrajectory(times, np.broadcast_to(tip, shafts.shape), shafts))
 
@@ -193,6 +190,11 @@ class VirtualOperator:
         points = points + shake[:, :1] * x + shake[:, 1:] * y
         return self._slide(generator, times, points, outward)
 
+    def touch(self, landmarks: tuple[str, ...], *, dwell_s: float, travel_s: float) -> float:
+        """Rest with the tip in each landmark in turn; errors as ``touch_landmarks``."""
+        generator = self._generator()
+        return self._prepare(touch_landmarks(self._scene, landmarks, dwell_s, travel_s, generator))
+
     def hold(self, tool: str) -> None:
         """Take another tool in the hand than the pointer of the settings, for this capture."""
         self._pointer = tool
@@ -285,10 +287,7 @@ class VirtualOperator:
         return sight / np.linalg.norm(sight, axis=-1, keepdims=True)
 
     def _pivot_axis(self, tip: Vector3) -> Vector3:
-        """Return a direction near the vertical that leaves the markers well in view."""
-        sight = self._sight(tip)
-        x, _, _ = tangent_axes(sight, np.array((0.0, 0.0, 1.0)))
-        return np.cos(PIVOT_FROM_SIGHT_RAD) * sight + np.sin(PIVOT_FROM_SIGHT_RAD) * x
+        return pivot_axis(self._sight(tip))
 
     def _generator(self) -> np.random.Generator:
         return rng(self._scene.seed, "operator", self._ordinal, 0)

@@ -17,6 +17,7 @@ from rona_core.app.steps.acoustics.thickness_uncertainty import reference_gain
 from rona_core.app.steps.boundaries.ascan_view import ScanName, ascan_plot
 from rona_core.app.steps.boundaries.probe_advice import probe_advice
 from rona_core.app.steps.maps.accuracy.map_accuracy import map_accuracy
+from rona_core.app.steps.scan.landmarks.view import landmark_report
 from rona_core.app.steps.tool.calibration_view import calibration_view
 from rona_core.errors import NotFoundError
 from rona_core.session.document import Session
@@ -50,7 +51,8 @@ def get_results(bench: Bench, step: str, max_points: MaxPoints = None) -> FastJs
     Lengths are mm, angles rad unless a name says otherwise; poses are a quaternion (w, x, y, z)
     and a translation. `value` is null while there is nothing. How sure the maps are stands in
     `accuracy` (of the scan by hand: `sono_accuracy`): standard deviations over their grid.
-    `reference_gain` proposes places for a caliper and says what they gain.
+    `reference_gain` proposes places for a caliper and says what they gain; `verification` of the
+    scan tells whether tracker, pointer and robot agree on the landmarks.
     """
     if step not in REGISTRY.step_names:
         raise NotFoundError(
@@ -65,6 +67,7 @@ def get_results(bench: Bench, step: str, max_points: MaxPoints = None) -> FastJs
             "summary": REGISTRY.lines[step].summary(session),
             "setup": plain(session.setup, max_points) if step == "setup" else None,
             "probe_advice": plain(probe_advice(session)) if mapped else None,
+            "verification": plain(landmark_report(session)) if step == "scan" else None,
             "reference_gain": plain(reference_gain(session)) if mapped else None,
             "boundary_edits": plain(session.boundary_edits) if mapped else None,
             "accuracy": plain(map_accuracy(session), max_points) if mapped else None,

@@ -14,6 +14,7 @@ from rona_core.app.steps.scan.probe_mounting import mounting_view
 from rona_core.app.steps.setup.messages import SetContact
 from rona_core.devices.settings import ContactSettings
 from rona_core.session.document import Session
+from rona_ui.panels.scan.landmarks import LandmarkControls
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
 from rona_ui.panels.widgets.panel_context import PanelContext
@@ -148,12 +149,14 @@ class ScanPanel(StepPanel):
     def build(self) -> None:
         """Add how the probe is mounted, and pressed on."""
         self._growing = self.gui.add_html("")
+        self._landmarks = LandmarkControls(self.gui, self.context)
         self._contact = ContactFields(self.gui, self.context)
         with self.gui.add_folder("Probe mounting", expand_by_default=False):
             self._mounting = MountingFields(self.gui, self.context)
 
     def update(self, old: Snapshot | None, new: Snapshot) -> None:
         """Show how the probe is mounted, and pressed on."""
+        self._landmarks.render(old, new)
         self._contact.render(old, new)
         self._mounting.render(old, new)
         growing = shown_growing_map(new)

@@ -20,6 +20,7 @@ from rona_core.app.steps.maps.further_passes import forget_corrections, with_pas
 from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
 from rona_core.app.steps.path.painting import PAINTED
 from rona_core.app.steps.scan.captures import capture_scan
+from rona_core.app.steps.scan.landmarks.gate import failed_reason, verified_first
 from rona_core.app.steps.scan.probe_mounting import KNOWN_MOUNTING
 from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.setup.inputs import DRIVEN, MODEL, PROBE
@@ -68,9 +69,14 @@ STEP = declare.Step(
         ),
         declare.Activity(
             StartGapScan,
-            record("second", lambda _, session, context: capture_scan(session, context, "second")),
+            verified_first(
+                record(
+                    "second", lambda _, session, context: capture_scan(session, context, "second")
+                )
+            ),
             "Scanning the gaps",
             needs=(SECOND,),
+            blocked=failed_reason,
             drives_robot=True,
             records=True,
         ),

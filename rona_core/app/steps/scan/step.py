@@ -11,6 +11,7 @@ from rona_core.app.runtime.recording import ARRIVAL_S, begin, finish
 from rona_core.app.steps.roll.plan_reasons import plan_reason
 from rona_core.app.steps.scan.captures import capture_scan
 from rona_core.app.steps.scan.head_view import unwatched
+from rona_core.app.steps.scan.landmarks.gate import failed_reason, verified_first
 from rona_core.app.steps.scan.messages import (
     CalibrateProbeMounting,
     StartHome,
@@ -80,8 +81,10 @@ def _where_it_rests(session: Session, context: ActivityContext) -> Floats:
 
 
 def _not_to_be_driven(session: Session) -> str | None:
-    """Return why a plan that is fresh cannot be driven."""
-    return None if stale_reason("roll", session) else plan_reason(session)
+    """Return why a plan that is fresh cannot be driven, or must not."""
+    if stale_reason("roll", session):
+        return None
+    return plan_reason(session) or failed_reason(session)
 
 
 def _forget_corrections(before: Session, after: Session) -> Session:
@@ -112,7 +115,9 @@ STEP = declare.Step(
     activities=(
         declare.Activity(
             StartScan,
-            record("scan", lambda _, session, context: capture_scan(session, context)),
+            verified_first(
+                record("scan", lambda _, session, context: capture_scan(session, context))
+            ),
             "Scanning",
             needs=(ROLL,),
             blocked=_not_to_be_driven,

@@ -47,7 +47,12 @@ class Repeating:
     """Covariances (3 n, 3 n) in ``base`` of n touched places by what repeats, in mm^2."""
 
     tracker: Floats
-    robot: Floats
+    links: Floats  # (3 n, m) by m independent standard normal errors of the robot's links, in mm
+
+    @property
+    def robot(self) -> Floats:
+        """What the robot does the same every time."""
+        return self.links @ self.links.T
 
 
 def repeating_errors(
@@ -83,7 +88,7 @@ def repeating_errors(
     points = np.concatenate([points for _, points in parts])
     return Repeating(
         readonly(field.propagate(by_markers.reshape(3 * n, -1, 3), points)),
-        readonly(robot @ robot.T),
+        readonly(robot),
     )
 
 

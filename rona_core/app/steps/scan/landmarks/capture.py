@@ -1,0 +1,59 @@
+"""The pointer on the landmarks, recorded, and where the robot's tip touched them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rona_core.app.declarations.declarations import ActivityContext
+from rona_core.app.dependencies.staleness import capture_setup_digest
+from rona_core.app.runtime.recording import capture_hand
+from rona_core.app.steps.scan.landmarks.messages import StartLandmarkCapture
+from rona_core.geometry.arrays import Floats, readonly
+from rona_core.session.captures import PointerCapture
+from rona_core.session.document import Session
+
+SETTLE_S = (
+    0.1  # after the pointer has come to a landmark, and before it leaves, frames do not count
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LandmarkCapture:
+    """The pointer held on n landmarks, and the robot's joint angles with its tip in each."""
+
+    ordinal: int
+    setup_digest: str
+    stroke: PointerCapture
+    names: tuple[str, ...]
+    qs_rad: Floats  # (n, 6) as the robot's controller keeps them
+    dwell_start_s: Floats  # (n,)
+    dwell_end_s: Floats  # (n,)
+    partial: bool = False
+
+
+def capture_landmarks(
+    activity: StartLandmarkCapture, session: Session, context: ActivityContext
+) -> LandmarkCapture:
+    """Record the pointer marker while the pointer rests on one landmark after the other."""
+    taught: list[tuple[tuple[str, ...], Floats]] = []
+
+    def touch() -> float:
+        taught.append(context.rig.bench.taught_landmarks())
+        return context.rig.operator.touch(
+            taught[0][0], dwell_s=activity.dwell_s, travel_s=activity.travel_s
+        )
+
+    stroke = capture_hand("landmarks", session, context, touch)
+    ((names, qs_rad),) = taught
+    each_s = activity.travel_s + activity.dwell_s
+    starts_s = activity.travel_s + each_s * np.arange(len(names))
+    return LandmarkCapture(
+        ordinal=stroke.ordinal,
+        setup_digest=capture_setup_digest("landmarks", session),
+        stroke=stroke,
+        names=names,
+        qs_rad=readonly(qs_rad),
+        dwell_start_s=readonly(starts_s + SETTLE_S),
+        dwell_end_s=readonly(starts_s + activity.dwell_s - SETTLE_S),
+        partial=stroke.partial,
+    )

@@ -1,0 +1,75 @@
+"""Gate before the robot follows a path: verified on landmarks, or overridden with a reason."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from rona_core.app.declarations.declarations import ActivityContext, Message, Perform
+from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.messages.message import StoreCapture
+from rona_core.app.runtime.handling import handle
+from rona_core.app.steps.scan.landmarks.capture import capture_landmarks
+from rona_core.app.steps.scan.landmarks.messages import StartLandmarkCapture, VerifyLandmarks
+from rona_core.calibration.landmark_check import LandmarkCheck
+from rona_core.errors import CancelledError, StepBlockedError
+from rona_core.session.document import Session
+
+SHARE = 0.1  # of the progress of a scan that is verified first
+REMEDY = "verify again, register again (steps 2 and 3), or override it with a reason"
+
+
+@dataclass(frozen=True, slots=True)
+class Verification:
+    """Whether the robot may follow a path, and why."""
+
+    state: Literal["passed", "failed", "overridden", "stale", "missing"]
+    sentence: str
+    check: LandmarkCheck | None = None  # the newest, stale or not
+
+
+def verification(session: Session) -> Verification:
+    """Return how the verification on landmarks stands."""
+    held = session.results.get("landmarks")
+    check: LandmarkCheck | None = None if held is None else held.value
+    override = session.results.get("override")
+    if override is not None and stale_reason("override", session) is None:
+        return Verification("overridden", f"Overridden: {override.value.reason}", check)
+    if check is None:
+        return Verification("missing", "Not verified on landmarks yet.")
+    reason = stale_reason("landmarks", session)
+    if reason is not None:
+        return Verification("stale", f"To be verified again: {reason}.", check)
+    if check.verdict == "fail":
+        return Verification("failed", f"{'; '.join(check.reasons)}.", check)
+    return Verification("passed", "Tracker, pointer and robot agree on the landmarks.", check)
+
+
+def failed_reason(session: Session) -> str | None:
+    """Return why the robot must not follow a path; None where it may, or it is to be verified."""
+    found = verification(session)
+    if found.state != "failed":
+        return None
+    return f"the verification on landmarks failed: {found.sentence.rstrip('.')}; {REMEDY}"
+
+
+def verified_first(perform: Perform) -> Perform:
+    """Return what verifies on landmarks, where that was not done, before it does ``perform``."""
+
+    def both(activity: Message, session: Session, context: ActivityContext) -> Iterator[Message]:
+        shown = context.progress
+        if verification(session).state in ("missing", "stale"):
+            first = replace(context, progress=lambda share: shown(SHARE * share))
+            taken = capture_landmarks(StartLandmarkCapture(), session, first)
+            stored = StoreCapture("landmarks", taken)
+            yield stored
+            if taken.partial:
+                raise CancelledError("stopped on the landmarks: the robot has not moved")
+            session = handle(VerifyLandmarks(), handle(stored, session))
+            yield VerifyLandmarks()
+            context = replace(context, progress=lambda share: shown(SHARE + (1.0 - SHARE) * share))
+        reason = failed_reason(session)
+        if reason is not None:
+            raise StepBlockedError(f"the robot has not moved: {reason}")
+        yield from perform(activity, session, context)
+
+    return both
