@@ -4,7 +4,7 @@ from collections.abc import Callable
 from itertools import pairwise
 
 import numpy as np
-from scipy.sparse import coo_array
+from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import KDTree
 
@@ -101,7 +101,7 @@ class Detours:
         return np.array(kept[:-1]).reshape(-1, 2)
 
 
-def _edges(number: Ints, step: float) -> coo_array:
+def _edges(number: Ints, step: float) -> csr_array:
     """Return the graph of neighbouring nodes, numbered (nx, ny) from 0; -1 is outside."""
     starts: list[Ints] = []
     ends: list[Ints] = []
@@ -116,7 +116,7 @@ def _edges(number: Ints, step: float) -> coo_array:
         lengths.append(np.full(int(both.sum()), step * float(np.hypot(dx, dy))))
     count = int(number.max(initial=-1)) + 1
     rows, columns = np.concatenate(starts), np.concatenate(ends)
-    return coo_array((np.concatenate(lengths), (rows, columns)), shape=(count, count)).tocsr()
+    return csr_array(coo_array((np.concatenate(lengths), (rows, columns)), shape=(count, count)))
 
 
 def join_strokes(strokes: list[Floats], detours: Detours, step_mm: float) -> Floats:

@@ -9,6 +9,7 @@ from rona_ui.panels.widgets.panel_context import PanelContext
 from rona_ui.presentation.colors import GREEN, VERMILLION, css
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import PAINTING, Drawing
+from rona_ui.viewer.bindings import Event
 
 WORDS: dict[Drawing, str] = {"paint_scan": "to scan", "paint_avoid": "to avoid"}
 EXPLANATION = (
@@ -22,11 +23,12 @@ class PaintingControls:
     """Buttons to paint either kind, the size of the brush, and how much is painted."""
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
+        self._context = context
         with gui.add_folder("Paint regions", expand_by_default=False):
             gui.add_html(style.text(EXPLANATION))
             form = self._form = Form(gui)
             form.number("radius_mm", "Brush radius (mm)", 5.0, 1.0, 20.0, 0.5)
-            form.on_change(lambda *_: context.set_view(brush_mm=float(form.value("radius_mm"))))
+            form.on_change(self._resize)
             self._paint = [
                 context.view_button(gui, label, icon, drawing=kind, picks=(), stroke=())
                 for label, icon, kind in (
@@ -41,6 +43,9 @@ class PaintingControls:
             self._clear = context.send_button(
                 gui, "Clear painted regions", "trash", ClearPaintedRegions
             )
+
+    def _resize(self, name: str, event: Event) -> None:
+        self._context.set_view(brush_mm=float(self._form.value(name)))
 
     def render(self, new: Snapshot) -> None:
         """Show what can be done now, and how much is painted."""

@@ -16,7 +16,7 @@ from rona_ui.scene.viser_nodes import SceneNodes
 COLORS: dict[PaintKind, Rgb] = {"scan": GREEN, "avoid": VERMILLION}
 LIFT_MM: dict[PaintKind, float] = {"scan": 0.5, "avoid": 0.8}  # off the skull; avoid lies on top
 OPACITY = 0.55
-HALVINGS = 2  # of the edges of the drawn skull, so that the rim looks round
+HALVINGS = 3  # of the edges of the drawn skull, so that the rim looks round
 NORMALS: Memo[Floats] = Memo(2)
 
 
