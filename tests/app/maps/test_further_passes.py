@@ -19,12 +19,16 @@ from rona_core.app.steps.boundaries.ascan_view import (
 from rona_core.app.steps.boundaries.handlers import scans_of
 from rona_core.app.steps.boundaries.messages import CorrectBoundary
 from rona_core.app.steps.maps.derivation import (
-    before_plan,
     derive_mapping,
     derive_second,
     recompute_second,
 )
-from rona_core.app.steps.maps.further_passes import joined_poses, joined_scans, usable_second
+from rona_core.app.steps.maps.further_passes import (
+    before_plan,
+    joined_poses,
+    joined_scans,
+    usable_second,
+)
 from rona_core.app.steps.maps.messages import StartGapPlan, StartMapping
 from rona_core.app.steps.maps.view import second_cells, second_view
 from rona_core.app.steps.scan.head_view import head_report

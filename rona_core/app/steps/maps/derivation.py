@@ -1,6 +1,6 @@
 """Boundary detection and maps, and the plan of a further pass over the gaps."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from rona_core.app.declarations.declarations import Arguments
 from rona_core.app.dependencies.inputs import require_result
@@ -9,6 +9,7 @@ from rona_core.app.messages.serialization import message_from, serialize_argumen
 from rona_core.app.steps.acoustics.derivation import first_speed, robot_probe, with_known_speed
 from rona_core.app.steps.maps.accuracy.probe_place import cloud_prior
 from rona_core.app.steps.maps.further_passes import (
+    before_plan,
     joined_poses,
     joined_scans,
     usable_second,
@@ -199,13 +200,6 @@ def recompute_second(
     """Plan again over the gaps that were left when the pass was planned."""
     message = message_from(StartGapPlan.__name__, arguments)
     return derive_second(before_plan(session), message, progress=progress, cancel=cancel)
-
-
-def before_plan(session: Session) -> Session:
-    """Return the session with those further passes alone that its planned pass knew of."""
-    planned = require_result(session.results.second, "plan a further pass").value
-    kept = session.captures.second[: planned.n_before]
-    return replace(session, captures=replace(session.captures, second=kept))
 
 
 def maps_so_far(session: Session, *, progress: Progress = silent, cancel: Cancel = never) -> Maps:

@@ -55,3 +55,10 @@ def joined_poses(session: Session, passes: Passes) -> Poses:
 @remember(4)
 def _joined(parts: tuple[Poses, ...]) -> Poses:
     return Poses.joined(parts)
+
+
+def before_plan(session: Session) -> Session:
+    """Return the session with those further passes alone that its planned pass knew of."""
+    planned = require_result(session.results.second, "plan a further pass").value
+    kept = session.captures.second[: planned.n_before]
+    return replace(session, captures=replace(session.captures, second=kept))

@@ -1,5 +1,6 @@
 """Recordings: captures of the pointer that were made elsewhere."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 from rona_core.app.declarations import declarations as declare
@@ -128,7 +129,7 @@ def require_as_recorded(activity: StartRecordingImport, session: Session) -> Non
 
 def store_recording(
     activity: StartRecordingImport, session: Session, context: ActivityContext
-) -> tuple[Message, ...]:
+) -> Iterable[Message]:
     """Read a recording as the capture it stands for, then compute what follows from it."""
     capture, _, follows = STANDS_FOR[activity.purpose]
     return record(capture, import_recording, follows)(activity, session, context)

@@ -46,7 +46,7 @@ def capture_landmarks(
     stroke = capture_hand("landmarks", session, context, touch)
     ((names, qs_rad),) = taught
     each_s = activity.travel_s + activity.dwell_s
-    starts_s = activity.travel_s + each_s * np.arange(len(names))
+    starts_s: Floats = activity.travel_s + each_s * np.arange(len(names), dtype=np.float64)
     return LandmarkCapture(
         ordinal=stroke.ordinal,
         setup_digest=capture_setup_digest("landmarks", session),

@@ -11,6 +11,7 @@ from rona_core.app.runtime.handling import handle
 from rona_core.app.steps.scan.landmarks.capture import capture_landmarks
 from rona_core.app.steps.scan.landmarks.messages import StartLandmarkCapture, VerifyLandmarks
 from rona_core.calibration.landmark_check import LandmarkCheck
+from rona_core.devices.protocols import Progress
 from rona_core.errors import CancelledError, StepBlockedError
 from rona_core.session.document import Session
 
@@ -57,8 +58,12 @@ def verified_first(perform: Perform) -> Perform:
 
     def both(activity: Message, session: Session, context: ActivityContext) -> Iterator[Message]:
         shown = context.progress
+
+        def part(start: float, end: float) -> Progress:
+            return lambda share: shown(start + (end - start) * share)
+
         if verification(session).state in ("missing", "stale"):
-            first = replace(context, progress=lambda share: shown(SHARE * share))
+            first = replace(context, progress=part(0.0, SHARE))
             taken = capture_landmarks(StartLandmarkCapture(), session, first)
             stored = StoreCapture("landmarks", taken)
             yield stored
@@ -66,7 +71,7 @@ def verified_first(perform: Perform) -> Perform:
                 raise CancelledError("stopped on the landmarks: the robot has not moved")
             session = handle(VerifyLandmarks(), handle(stored, session))
             yield VerifyLandmarks()
-            context = replace(context, progress=lambda share: shown(SHARE + (1.0 - SHARE) * share))
+            context = replace(context, progress=part(SHARE, 1.0))
         reason = failed_reason(session)
         if reason is not None:
             raise StepBlockedError(f"the robot has not moved: {reason}")
