@@ -126,7 +126,7 @@ def opens_window(view: ViewState) -> bool:
     """Return whether the drawn skull is open over the region; not where things lie on it."""
     if view.step == "implant":
         return view.skull_window and not view.shows("chance") and view.drawing != "implant"
-    return view.step == "maps" and view.skull_window
+    return view.step == "maps" and view.skull_window and view.drawing != "pair"
 
 
 def map_sigma(snapshot: Snapshot) -> MapAccuracy | None:

@@ -9,6 +9,7 @@ from rona_core.app.steps.roll.margins_view import Quantity
 from rona_core.path.painted_regions import PaintKind
 
 Point = tuple[float, float, float]
+Pairs = tuple[tuple[Point, Point], ...]  # of points: in the file of a reference, and in base
 Drawing = Literal[
     "surface",
     "path",
@@ -22,6 +23,7 @@ Drawing = Literal[
     "pin",
     "region",
     "implant",
+    "pair",
 ]
 PAINTING: dict[str, PaintKind] = {"paint_scan": "scan", "paint_avoid": "avoid"}
 CutDirection = Literal["off", "lengthwise", "crosswise"]
@@ -137,6 +139,9 @@ class ViewState:
     handheld_cursor: float = 0.0  # 0 to 1 along the scan by hand
     joint: int = 0  # joint in the graph, 0 for all
     comparison: MapComparison | None = None  # with a reference that somebody chose
+    pairs: Pairs = ()  # that a reference is laid by
+    compared_pairs: Pairs = ()  # those that the comparison had
+    pair_place: Point | None = None  # in base, where somebody pointed for the next pair
     volume: VolumeView | None = None  # None: nothing is drawn of it
     second: bool = False  # replay, A-scans and image are those of the second pass
     dragged_boundary: tuple[int, float] | None = (

@@ -4,24 +4,26 @@ import threading
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import PurePath
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
 from rona_core.app.runtime.session_registry import SessionRegistry
 from rona_core.app.steps.implant.export import export_bed
 from rona_core.app.steps.implant.view import moved_bed
-from rona_core.app.steps.maps.comparison import compare_maps
+from rona_core.app.steps.maps.comparison import MapComparison, compare_maps
 from rona_core.app.steps.maps.export import export_maps
 from rona_core.app.steps.setup.messages import SetRegion
-from rona_core.errors import NotFoundError
+from rona_core.errors import InvalidInputError, NotFoundError
 from rona_core.geometry.arrays import Floats
 from rona_core.mapping.comparison.reference_bone import Registration
+from rona_core.session.document import Session
 from rona_ui.panels.layout.docks import Docks
+from rona_ui.panels.maps.comparison import BY_PAIRS, LEAST_PAIRS
 from rona_ui.panels.widgets.panel_context import PanelContext
 from rona_ui.presentation.camera import FOV_RAD, NARROWEST, STEP_PRESETS, UP, camera_pose
 from rona_ui.presentation.snapshot import Snapshot
-from rona_ui.presentation.view_state import ViewState
+from rona_ui.presentation.view_state import Pairs, ViewState
 from rona_ui.scene.path.path_editing import STROKES, extended, point_at
 from rona_ui.scene.pointer import handle_rotation
 from rona_ui.scene.renderer import SceneRenderer
@@ -30,7 +32,9 @@ from rona_ui.viewer.bindings import Bindings, Event, notify
 from rona_ui.viewer.fields import Fields
 
 NEAR_M, FAR_M = 0.01, 20.0
-COMPARE: dict[str, Registration] = {"compare-none": "none", "compare-surface": "surface"}
+COMPARE: dict[str, Registration] = {
+    f"compare-{how}": how for how in get_args(Registration)
+}  # services of the page
 
 
 class Browser:
@@ -219,12 +223,28 @@ class Browser:
             data = export_bed(self._hub.get().session, name)
             self.client.send_file_download(name, data, save_immediately=True)
         elif verb in COMPARE and isinstance(data, bytes):
-            found = compare_maps(self._hub.get().session, data, name, COMPARE[verb])
-            self.change_view(lambda view: replace(view, comparison=found))
+            pairs = self._view.pairs
+            found = compared_with_file(self._hub.get().session, data, name, COMPARE[verb], pairs)
+            self.change_view(lambda view: replace(view, comparison=found, compared_pairs=pairs))
         elif verb == "upload" and isinstance(data, bytes):
             self._hub.files.store_upload(PurePath(name).name, data)
         else:
             raise NotFoundError(f"there is no service {what!r}")
+
+
+def compared_with_file(
+    session: Session, data: bytes, name: str, how: Registration, pairs: Pairs
+) -> MapComparison:
+    """Return the maps beside a file; pairs of points count where it is laid by them."""
+    if how not in BY_PAIRS:
+        return compare_maps(session, data, name, how)
+    if len(pairs) < LEAST_PAIRS:
+        raise InvalidInputError(
+            f"a reference is laid by {LEAST_PAIRS} pairs of points or more, not {len(pairs)}: add "
+            "pairs in step 9, Comparison, Pairs of points"
+        )
+    points = [there for there, _ in pairs], [here for _, here in pairs]
+    return compare_maps(session, data, name, how, points)
 
 
 def without_mode(view: ViewState) -> ViewState:

@@ -60,6 +60,7 @@ class ReferencePlace:
 
     T_base_mesh: Pose
     points_rms_mm: float | None = None  # of named points
+    points_off_mm: Floats | None = None  # (n,) each of them from its partner, by themselves
     surface: SurfaceRegistration | None = None
 
 
@@ -83,18 +84,18 @@ def place_reference(
         InvalidInputError: no points where they are needed, or not as many in both frames.
         DegenerateGeometryError: points on one line, or surfaces that do not lie on each other.
     """
-    start, rms_mm = Pose.identity(), None
+    start, rms_mm, off_mm = Pose.identity(), None, None
     if how in ("points", "both"):
         if pairs is None:
             raise InvalidInputError(
                 f"a registration by {how} needs points in both frames: got none"
             )
         fit = register_points(*pairs)
-        start, rms_mm = fit.T_b_a, fit.rms_mm
+        start, rms_mm, off_mm = fit.T_b_a, fit.rms_mm, fit.residuals_mm
     if how in ("none", "points"):
-        return ReferencePlace(start, rms_mm)
+        return ReferencePlace(start, rms_mm, off_mm)
     found = _register_outer(bone.outer, maps, start)
-    return ReferencePlace(found.T_b_a.inv(), rms_mm, found)
+    return ReferencePlace(found.T_b_a.inv(), rms_mm, off_mm, found)
 
 
 def _register_outer(mesh: Mesh, maps: Maps, start: Pose) -> SurfaceRegistration:

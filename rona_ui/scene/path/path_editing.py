@@ -64,6 +64,8 @@ def point_at(
         return view, None
     if view.drawing == "center":
         return replace(view, center=_point(sight(session, eye_base, ray)), drawing=None), None
+    if view.drawing == "pair":
+        return replace(view, pair_place=_point(sight(session, eye_base, ray)), drawing=None), None
     if view.drawing == "insert":
         place = sight(session, eye_base, ray)
         after = nearest_piece(corners_of(session), place)

@@ -4,17 +4,22 @@ import asyncio
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from rona_core.app.steps.maps.comparison import compare_maps, compare_with_truth
 from rona_core.app.steps.maps.export import export_maps
 from rona_core.compose import new_workbench
+from rona_core.errors import InvalidInputError
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
 from rona_ui.panels.maps.comparison import ComparisonFolder
+from rona_ui.presentation.shown import opens_window
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.resources import demo_session
-from tests.helpers.ui.fake_gui import FakeGui
+from rona_ui.scene.path.path_editing import point_at
+from rona_ui.window.browser import COMPARE, compared_with_file
+from tests.helpers.ui.fake_gui import FakeClient, FakeGui
 from tests.ui.panels.test_panels import Recorder
 from tests.ui.panels.test_panels import snapshot as any_snapshot
 
@@ -58,3 +63,84 @@ def test_a_file_is_sent_with_how_it_is_laid():
     gui.find("dropdown", "Reference").value = "Lay it under the outer map"
     asyncio.run(folder._take(SimpleNamespace(client=None)))
     assert recorder.services == ["compare-none:head.ply", "compare-surface:head.ply"]
+
+
+def test_pairs_of_points_are_listed_added_and_removed(bench):
+    gui, recorder = FakeGui(), Recorder()
+    folder = ComparisonFolder(gui, recorder.context)
+
+    def follow():
+        shown = any_snapshot(bench.session, view=replace(recorder.shown, step="maps"))
+        folder.render(None, shown)
+
+    pairs = gui.find("folder", "Pairs of points")
+    assert not pairs.visible
+    laying = gui.find("dropdown", "Reference")
+    laying.value = "Lay it by pairs of points"
+    laying.happen(FakeClient())
+    assert pairs.visible
+    there, here = (gui.find("vector3", f"In {frame} (mm)") for frame in ("the file", "base"))
+    for k in range(3):
+        there.value = (float(k), 2.5, 0.0)
+        recorder.context.set_view(pair_place=(7.0, float(k), 1.0))  # somebody points at the skull
+        follow()
+        assert here.value == (7.0, float(k), 1.0)
+        gui.find("button", "Add the pair").happen(FakeClient())
+        follow()
+    assert recorder.shown.pairs[2] == ((2.0, 2.5, 0.0), (7.0, 2.0, 1.0))
+    assert "so far" not in gui.html()
+    gui.find("dropdown", "Pair").value = "2"
+    gui.find("button", "Remove this pair").happen(FakeClient())
+    follow()
+    assert [there for there, _ in recorder.shown.pairs] == [(0.0, 2.5, 0.0), (2.0, 2.5, 0.0)]
+    assert "2 so far" in gui.html()
+    button = gui.find("upload_button", "Compare with a file…")
+    button.value = SimpleNamespace(name="head.ply", content=b"ply")
+    asyncio.run(folder._take(SimpleNamespace(client=None)))
+    assert recorder.services == ["compare-points:head.ply"]
+
+
+def test_what_each_pair_is_off_by_is_shown_until_the_pairs_change(bench):
+    gui, demo = FakeGui(), bench.session
+    folder = ComparisonFolder(gui, Recorder().context)
+    corners = ((0.0, 0.0, 0.0), (30.0, 0.0, 0.0), (0.0, 30.0, 0.0), (0.0, 0.0, 31.0))
+    pairs = tuple((corner, corner[:2] + (min(corner[2], 30.0),)) for corner in corners)
+    points = tuple(zip(*pairs, strict=True))
+    found = compare_maps(demo, export_maps(demo, "outer.ply"), "outer.ply", "points", points)
+    off = found.place.points_off_mm
+    assert 0.1 < off.max() < 1.0
+    view = ViewState(step="maps", comparison=found, pairs=pairs, compared_pairs=pairs)
+
+    def table():
+        return next(h.content for h in gui.handles if "in the file" in h.content)
+
+    folder.render(None, any_snapshot(demo, view=view))
+    assert all(f">{one:.2f}<" in table() for one in off)
+    changed = (*pairs[:3], ((1.0, 1.0, 1.0), (1.0, 1.0, 1.0)))  # as many, but others
+    folder.render(None, any_snapshot(demo, view=replace(view, pairs=changed)))
+    assert table().count(">–<") == 4
+
+
+def test_pointing_at_the_skull_gives_the_place_that_was_measured_there(bench):
+    cloud = bench.session.results.surface.value.points_base
+    aim = cloud[np.linalg.norm(cloud - np.median(cloud, axis=0), axis=1).argmin()]
+    outward = bench.session.results.maps.value.outer.T_base_map.rotation[:, 2]
+    pointing = ViewState(step="maps", drawing="pair")
+    assert not opens_window(pointing)  # a click falls on the skull, not through it
+    view, command = point_at(bench.session, pointing, aim + 200.0 * outward, -outward, "click")
+    assert command is None
+    assert view.drawing is None
+    assert np.linalg.norm(np.subtract(view.pair_place, aim)) < 2.0
+
+
+def test_the_page_lays_a_file_by_its_pairs_and_asks_for_three(bench):
+    demo = bench.session
+    data = export_maps(demo, "outer.ply")
+    pairs = tuple((p, (p[0] + 1.5, p[1], p[2])) for p in ((0.0, 0.0, 0.0), (9.0, 0.0, 0.0)))
+    with pytest.raises(InvalidInputError, match="3 pairs of points or more, not 2"):
+        compared_with_file(demo, data, "outer.ply", COMPARE["compare-points"], pairs)
+    assert compared_with_file(demo, data, "outer.ply", "none", pairs).place.points_off_mm is None
+    whole = (*pairs, ((0.0, 9.0, 0.0), (1.5, 9.0, 0.0)))
+    laid = compared_with_file(demo, data, "outer.ply", COMPARE["compare-points"], whole)
+    np.testing.assert_allclose(laid.place.T_base_mesh.translation, (1.5, 0.0, 0.0), atol=1e-9)
+    np.testing.assert_allclose(laid.place.points_off_mm, 0.0, atol=1e-9)
