@@ -48,6 +48,7 @@ class FusedCloud:
     plate: PlateField
     fit: CloudFit  # its correction in ``map``
     points_map: Floats  # (k, 3) of the cloud that went in, moved: one for each cell
+    scatter_mm: float  # of the cloud about the map it was laid on
 
 
 def fuse_cloud(
@@ -91,7 +92,7 @@ def fuse_cloud(
         eigenvalues=readonly(np.asarray(np.linalg.eigvalsh(scaled), dtype=np.float64)),
         covariance=readonly(fit.covariance),
     )
-    return FusedCloud(joined(plate, samples), told, cells)
+    return FusedCloud(joined(plate, samples), told, cells, scale)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

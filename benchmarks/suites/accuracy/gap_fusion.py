@@ -7,12 +7,13 @@ from scipy.spatial import KDTree
 
 from rona_core.app.steps.maps.accuracy.probe_place import cloud_prior
 from rona_core.evaluation.figures import rms
-from rona_core.evaluation.maps.map_errors import cell_errors_mm
+from rona_core.evaluation.maps.map_metrics import cells as cells_of
+from rona_core.evaluation.maps.map_metrics import outer_errors_mm
 from rona_core.evaluation.navigation_metrics import tip_errors
 from rona_core.evaluation.truth import Truth
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.mapping.boundary_map import BoundaryMap, CloudFit, Maps
-from rona_core.mapping.cloud_fusion import fuse_cloud, thinned
+from rona_core.mapping.cloud_fusion import CloudPrior, fuse_cloud, thinned
 from rona_core.mapping.fitting.plate_field import PlateField, fit_field
 from rona_core.mapping.map_grid import NEAR_MM
 from rona_core.session.document import Session
@@ -47,12 +48,13 @@ def fusion_figures(session: Session, truth: Truth) -> FusionFigures | None:
     T_map_base = maps.outer.T_base_map.inv()
     samples = (T_map_base @ maps.outer_points_base)[maps.outer_used]
     cloud = T_map_base @ surface.value.points_base
-    whole = _three(samples, cloud, session)
+    prior = cloud_prior(session)
+    whole = _three(samples, cloud, prior)
     middle = samples[:, :2].mean(axis=0)
     outside = np.linalg.norm(samples[:, :2] - middle, axis=1) > GAP_MM / 2.0
-    cut = _three(samples[outside], cloud, session)
+    cut = _three(samples[outside], cloud, prior)
     places = _places(maps.outer)
-    there = np.isfinite(cell_errors_mm(maps, truth)["outer_same_robot"])
+    there = maps.outer.ok
     inside = np.linalg.norm(places - middle, axis=1) < GAP_MM / 2.0
     far = KDTree(samples[outside, :2]).query(places)[0] > NEAR_MM
     gap = (inside & far).reshape(there.shape) & there
@@ -61,8 +63,8 @@ def fusion_figures(session: Session, truth: Truth) -> FusionFigures | None:
         if plate is None or np.count_nonzero(cells) < LEAST_CELLS:
             return None
         heights = plate.heights(places).reshape(there.shape)
-        drawn = replace(maps, fused=replace(maps.fused, height_mm=heights, ok=cells))
-        return rms(cell_errors_mm(drawn, truth)["fused_same_robot"][cells])
+        drawn = cells_of(replace(maps.fused, height_mm=heights), cells)
+        return rms(outer_errors_mm(drawn, truth, True))
 
     slide, uncorrected, ratio = _slide(session, truth, maps.cloud_fit)
     return FusionFigures(
@@ -74,10 +76,10 @@ def fusion_figures(session: Session, truth: Truth) -> FusionFigures | None:
     )
 
 
-def _three(samples: Floats, cloud: Floats, session: Session) -> dict[str, PlateField | None]:
+def _three(samples: Floats, cloud: Floats, prior: CloudPrior) -> dict[str, PlateField | None]:
     """Return the plates of ultrasound alone, of the fusion, and of the plain union, in ``map``."""
     alone = fit_field(samples[:, :2], samples[:, 2])
-    fused = fuse_cloud(cloud, alone, NEAR_MM, cloud_prior(session))
+    fused = fuse_cloud(cloud, alone, NEAR_MM, prior)
     both = np.vstack((samples, thinned(cloud, alone.grid.step_mm)))
     return {
         "alone": alone,

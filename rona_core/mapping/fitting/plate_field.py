@@ -73,6 +73,7 @@ class PlateField:
     places_mm: Floats  # (n, 2) of the samples
     samples_mm: Floats  # (n,) their heights
     relative_variance: Floats  # (n,) how much less a sample counts than a perfect one
+    shares: Floats  # (nu nv,) weight of these samples at the nodes: 1 where no others were joined
 
     def heights(self, places_mm: Floats, along: tuple[int, int] = (0, 0)) -> Floats:
         """Return the heights (m,) at places (m, 2), or a first derivative along one axis."""
@@ -84,6 +85,13 @@ class PlateField:
     def sigmas_mm(self, places_mm: Floats) -> Floats:
         """Return the standard deviations (m,) of the field at places (m, 2), scatter left aside."""
         return np.sqrt(self.grid.operator(places_mm) @ self._variances)
+
+    def weights(self, places_mm: Floats) -> Floats:
+        """Return by how much of it the field moves (m,) at places (m, 2) if all samples do.
+
+        The rest follows what was joined to them.
+        """
+        return np.clip(self.grid.operator(places_mm) @ self.shares, 0.0, 1.0)
 
     def draws(self, places_mm: Floats, count: int, generator: Generator) -> Floats:
         """Return heights (count, m) at places (m, 2), drawn from what is known of the field."""
@@ -157,6 +165,7 @@ def fit_field(
         places_mm=readonly(places_mm),
         samples_mm=readonly(heights_mm),
         relative_variance=readonly(1.0 / weights),
+        shares=readonly(np.ones(nodes.size)),
     )
 
 
@@ -192,11 +201,13 @@ def joined(plate: PlateField, more: SurfaceSamples) -> PlateField:
     right = np.asarray(weighted @ over) + np.asarray(across @ (more.upright * over_more))
     moved = np.asarray(across @ more.moved_by, dtype=np.float64)
     moved = moved @ np.linalg.cholesky(more.motion)
-    found = factor.solve(np.column_stack((right, moved)))
+    alike = np.asarray(weighted @ np.ones(len(over)))
+    found = factor.solve(np.column_stack((right, alike, moved)))
     return replace(
         plate,
         grid=grid,
         nodes_mm=readonly(found[:, 0].reshape(grid.shape)),
         factor=factor,
-        loadings_mm=readonly(found[:, 1:]),
+        loadings_mm=readonly(found[:, 2:]),
+        shares=readonly(found[:, 1]),
     )

@@ -1,5 +1,7 @@
 """Plate through samples as a Gaussian field: against a second implementation, and the truth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.interpolate import RBFInterpolator
@@ -169,3 +171,25 @@ def test_a_wide_field_has_larger_cells_and_a_stroke_has_a_field_too():
     along = fit_field(stroke, np.sin(0.2 * stroke[:, 0]))
     assert np.isfinite(along.sigmas_mm(stroke + (0.0, 2.0))).all()
     assert rms(along.heights(stroke) - np.sin(0.2 * stroke[:, 0])) < 0.02
+
+
+def test_a_joined_plate_tells_how_much_it_follows_its_first_samples():
+    """Finite differences: all first samples higher by a little, the added ones as they are."""
+    rng = np.random.default_rng(5)
+    places = rng.uniform(-12.0, 0.0, (150, 2)) * (1.0, 2.0) + (0.0, 12.0)
+    heights = 0.01 * places[:, 0] ** 2 + rng.normal(0.0, 0.05, len(places))
+    plate = fit_field(places, heights)
+    everywhere = np.array(((-6.0, 0.0), (3.0, 3.0)))
+    np.testing.assert_array_equal(plate.weights(everywhere), 1.0)
+    added = np.column_stack((rng.uniform(-12.0, 12.0, (300, 2)), np.zeros(300)))
+    more = SurfaceSamples(
+        added, np.ones(300), np.full(300, 1e3), np.zeros((300, 6)), 1e-6 * np.eye(6)
+    )
+    both = joined(plate, more)
+    shifted = replace(plate, samples_mm=plate.samples_mm + 0.01)
+    cells = np.array([(u, v) for u in (-9.0, -5.0, 0.0, 8.0) for v in (-9.0, 0.0, 9.0)])
+    moved = (joined(shifted, more).heights(cells) - both.heights(cells)) / 0.01
+    knots = both.grid.operator(cells) @ both.shares
+    np.testing.assert_allclose(moved, knots, atol=0.02)  # splines and bilinear differ a little
+    assert both.weights(cells)[cells[:, 0] == 8.0].max() < 0.2
+    assert both.weights(cells)[cells[:, 0] == -5.0].max() > 0.2

@@ -6,7 +6,8 @@ each cell has for itself. Nothing of it is stored: it follows from what a sessio
 maps of older files are as honest as new ones. See docs/algorithms/maps/boundary_maps.md.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
@@ -24,7 +25,7 @@ from rona_core.devices.settings import ProbeSettings
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
-from rona_core.mapping.cloud_fusion import CloudPrior, fuse_cloud
+from rona_core.mapping.cloud_fusion import PATCH_MM, CloudPrior, FusedCloud, fuse_cloud
 from rona_core.mapping.fitting.plate_field import ROUGHNESS_MM, PlateField, fit_field
 from rona_core.mapping.map_grid import NEAR_MM
 from rona_core.session.codec import digest
@@ -43,6 +44,7 @@ from rona_core.ultrasound.probe.probe_model import probe_model
 
 SPEED = "speed of sound of the patient"
 INTERPOLATION = "interpolation"
+CLOUD = "cloud of the pointer"
 POINTS = "measure the bone at three reference points (step 9)"
 ROWS = "scan closer rows, or a second pass"
 NEAREST = 6  # A-scans whose time of flight counts at a cell
@@ -143,8 +145,7 @@ def _terms(
     plate = fit_field(outer_map[:, :2], outer_map[:, 2])
     rest = (ErrorTerm("roughness within the beam", own_mm=ROUGHNESS_MM), *place.of_cells(maps))
     outer = (*_sampling(maps.outer, plate, plate, outer_sigma, face_mm), *rest)
-    both = _joined(maps, plate, cloud)
-    fused = (*_sampling(maps.outer, plate, both, outer_sigma, face_mm), *rest)
+    fused = _fused_terms(maps, outer, plate, cloud)
     between_map = T_map_base @ maps.inner_points_base[maps.inner_used]
     between_map[:, 2] = _heights_at(maps.outer, between_map) - between_map[:, 2]
     timing = np.concatenate([one.thickness_sigma_mm for one in found])[maps.inner_used]
@@ -165,7 +166,31 @@ def _terms(
             reach_mm=LOCAL_LENGTH_MM,
         ),
     )
-    return MapTerms(outer, (*fused, _unknown_cloud(maps, cloud)), thickness, plate, between)
+    return MapTerms(outer, fused, thickness, plate, between)
+
+
+def _fused_terms(
+    maps: Maps, outer: Sequence[ErrorTerm], plate: PlateField, cloud: _Cloud | None
+) -> tuple[ErrorTerm, ...]:
+    """Return the terms of the fused boundary, given those of the ultrasound's.
+
+    It follows what A-scans err by as far as they count beside the cloud, and the cloud for the
+    rest. What the whole map errs by stays: the cloud was laid on it.
+    """
+    joined = _joined(maps, plate, cloud)
+    if joined is None:
+        return (*outer, _unknown_cloud(maps, cloud))
+    shape, places = maps.outer.height_mm.shape, _cells_map(maps.outer)[:, :2]
+    share = joined.plate.weights(places).reshape(shape)
+    apart = joined.plate.sigmas_mm(places).reshape(shape)
+    between = ErrorTerm(INTERPOLATION, apart, _of_mean(apart, maps.outer, PATCH_MM), remedy=ROWS)
+    kept = [
+        term if term.of_robot else replace(term, own_mm=share * term.own_mm)
+        for term in outer
+        if term.cause != INTERPOLATION
+    ]
+    touched = ErrorTerm(CLOUD, own_mm=(1.0 - share) * joined.scatter_mm, reach_mm=PATCH_MM / 2.0)
+    return (*kept, between, touched)
 
 
 def _sampling(
@@ -222,13 +247,12 @@ def _unheard(maps: Maps, T_map_base: Pose) -> ErrorTerm:
     return ErrorTerm(UNHEARD, off_mm, UNHEARD_ALIKE * off_mm, remedy=ROWS, reach_mm=NEAR_MM)
 
 
-def _joined(maps: Maps, plate: PlateField, cloud: _Cloud | None) -> PlateField:
-    """Return the plate through ultrasound and cloud, or that of the ultrasound without one."""
+def _joined(maps: Maps, plate: PlateField, cloud: _Cloud | None) -> FusedCloud | None:
+    """Return what ultrasound and cloud make together; None without a cloud."""
     if cloud is None:
-        return plate
+        return None
     points_map = maps.outer.T_base_map.inv() @ cloud[0].points_base
-    found = fuse_cloud(points_map, plate, NEAR_MM, cloud[1])
-    return plate if found is None else found.plate
+    return fuse_cloud(points_map, plate, NEAR_MM, cloud[1])
 
 
 def _of_mean(own_mm: Floats, boundary: BoundaryMap, face_mm: float) -> float:
@@ -262,7 +286,7 @@ def _unknown_cloud(maps: Maps, cloud: _Cloud | None) -> ErrorTerm:
 
     How far it lay from the map it was laid on.
     """
-    cause, fit = "cloud of the pointer", maps.cloud_fit
+    fit = maps.cloud_fit
     if fit is None or cloud is not None:
-        return ErrorTerm(cause)
-    return ErrorTerm(cause, np.where(maps.outer.ok, 0.0, fit.rms_mm))
+        return ErrorTerm(CLOUD)
+    return ErrorTerm(CLOUD, np.where(maps.outer.ok, 0.0, fit.rms_mm))
