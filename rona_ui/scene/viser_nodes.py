@@ -1,5 +1,7 @@
 """Scene nodes of viser by name, updated in place; converts millimetres to viser's metres."""
 
+from collections.abc import Generator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -12,6 +14,7 @@ from rona_core.devices.display import Mesh
 from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.geometry.pose import Pose
 from rona_ui.presentation.colors import Rgb, viridis
+from rona_ui.viewer.unseen_node import UnseenNode
 
 M_PER_MM = 0.001
 UPRIGHT = Pose.from_rotvec((np.pi, 0.0, 0.0))  # the viewer counts the rows of pictures along +y
@@ -75,14 +78,42 @@ class SceneNodes:
     def __init__(self, scene: Any) -> None:
         self._scene = scene
         self._nodes: dict[str, Any] = {}
+        self._waiting = False
 
     def names(self) -> frozenset[str]:
-        """Return the names of the nodes that exist."""
+        """Return the names of the nodes that exist, sent or not."""
         return frozenset(self._nodes)
 
     def node(self, name: str) -> Any:
-        """Return the viewer's handle of a node, to listen to the mouse on it."""
-        return self._nodes[name]
+        """Return the viewer's handle of a node, to listen to the mouse; None while it has none."""
+        node = self._nodes.get(name)
+        return None if isinstance(node, UnseenNode) else node
+
+    @contextmanager
+    def sent_when_seen(self) -> Generator[None]:
+        """Send new nodes at the end, and those that are hidden then not before they are shown."""
+        self._waiting = True
+        try:
+            yield
+        finally:
+            self._waiting = False
+            for name in list(self._nodes):
+                if all(self._is_seen(each) for each in _with_parents(name)):
+                    self._send(name)
+
+    def _is_seen(self, name: str) -> bool:
+        node = self._nodes.get(name)
+        return not isinstance(node, UnseenNode) or node.visible
+
+    def _add(self, kind: str, name: str, **options: Any) -> None:
+        self._nodes[name] = UnseenNode(kind, options)
+        if not self._waiting:
+            self._send(name)
+
+    def _send(self, name: str) -> None:
+        node = self._nodes[name]
+        if isinstance(node, UnseenNode):
+            self._nodes[name] = getattr(self._scene, f"add_{node.kind}")(name, **node.options)
 
     def mesh(
         self,
@@ -97,9 +128,8 @@ class SceneNodes:
         vertices, faces = metres(mesh.vertices), np.asarray(mesh.faces, dtype=np.uint32)
         node = self._nodes.get(name)
         if node is None:
-            self._nodes[name] = self._scene.add_mesh_simple(
-                name, vertices, faces, color=color, opacity=opacity, side=side
-            )
+            mesh_options = {"color": color, "opacity": opacity, "side": side}
+            self._add("mesh_simple", name, vertices=vertices, faces=faces, **mesh_options)
         else:
             node.vertices, node.faces, node.color = vertices, faces, color
 
@@ -115,7 +145,7 @@ class SceneNodes:
         matt.vertex_attributes["color"] = colors.astype(np.uint8)
         solid = trimesh.Trimesh(metres(mesh.vertices), mesh.faces, visual=matt, process=False)
         _ = solid.vertex_normals  # once known they are sent; without them each face is flat
-        self._nodes[name] = self._scene.add_mesh_trimesh(name, solid)
+        self._add("mesh_trimesh", name, mesh=solid)
 
     def paint(self, name: str, color: Rgb) -> None:
         """Give a mesh that exists another colour."""
@@ -129,10 +159,11 @@ class SceneNodes:
         size, colored = float(M_PER_MM * size_mm), _colors(colors, (len(points), 3))
         node = self._nodes.get(name)
         if node is None:
-            self._nodes[name] = self._scene.add_point_cloud(
+            self._add(
+                "point_cloud",
                 name,
-                metres(points),
-                colored,
+                points=metres(points),
+                colors=colored,
                 point_size=size,
                 point_shape="circle",
                 point_shading="flat",
@@ -159,10 +190,11 @@ class SceneNodes:
             return
         node = self._nodes.get(name)
         if node is None:
-            self._nodes[name] = self._scene.add_line_segments(
+            self._add(
+                "line_segments",
                 name,
-                metres(pairs),
-                color,
+                points=metres(pairs),
+                colors=color,
                 thickness=width_px if width_mm is None else float(M_PER_MM * width_mm),
                 thickness_units="screen" if width_mm is None else "world",
             )
@@ -173,20 +205,22 @@ class SceneNodes:
         """Place an invisible parent for other nodes."""
         node = self._nodes.get(name)
         if node is None:
-            node = self._nodes[name] = self._scene.add_frame(name, show_axes=False)
+            self._add("frame", name, show_axes=False)
+            node = self._nodes[name]
         node.wxyz, node.position = pose.wxyz(), metres(pose.translation)
 
     def label(self, name: str, text: str, place: ArrayLike) -> None:
         """Write a short text at a place."""
         node = self._nodes.get(name)
         if node is None:
-            self._nodes[name] = self._scene.add_label(name, text, position=metres(place))
+            self._add("label", name, text=text, position=metres(place))
         else:
             node.text, node.position = text, metres(place)
 
     def floor(self, name: str, height_mm: float) -> None:
         """Draw the floor as a grid of 100 mm cells."""
-        self._nodes[name] = self._scene.add_grid(
+        self._add(
+            "grid",
             name,
             width=6.0,
             height=6.0,
@@ -206,9 +240,10 @@ class SceneNodes:
     ) -> None:
         """Lay a picture (h, w, 4) flat into the x-y plane of a pose: x to its right, y upwards."""
         self.remove(name)
-        self._nodes[name] = self._scene.add_image(
+        self._add(
+            "image",
             name,
-            picture,
+            image=picture,
             render_width=M_PER_MM * size_mm[0],
             render_height=M_PER_MM * size_mm[1],
             format="png",
@@ -221,7 +256,8 @@ class SceneNodes:
     def rotation_handles(self, name: str, pose: Pose, *, size_mm: float) -> None:
         """Draw handles that rotate a pose about its axes when they are dragged."""
         self.remove(name)
-        self._nodes[name] = self._scene.add_transform_controls(
+        self._add(
+            "transform_controls",
             name,
             scale=M_PER_MM * size_mm,
             disable_axes=True,
@@ -242,6 +278,12 @@ class SceneNodes:
         node = self._nodes.pop(name, None)
         if node is not None:
             node.remove()
+
+
+def _with_parents(name: str) -> list[str]:
+    """Return a node's name and those of its parents."""
+    parts = name.split("/")
+    return ["/".join(parts[:n]) for n in range(2, len(parts) + 1)]
 
 
 def _colors(colors: Colors, shape: tuple[int, ...]) -> NDArray[np.uint8]:

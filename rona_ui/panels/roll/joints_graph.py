@@ -1,5 +1,6 @@
 """The joints along the path, with their limits shaded."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from rona_ui.presentation.snapshot import Snapshot, changed
 
 JOINTS = ("All, share of range", *(f"Joint {j}" for j in range(1, 7)))
 BELOW = 3.0  # graph heights
+MOST_PLACES = 300  # along the path: about the width of the graph in pixels
 SHADE = "rgba(213,94,0,0.20)"
 EMPTY = "The joint graphs appear after step 7."
 FOLLOWED = ("session.results.roll", "view.shown_roll", "view.joint", "view.cursor", "view.second")
@@ -53,7 +55,7 @@ class JointsPanel:
         cursor = None
         if new.view.cursor is not None and not new.view.second and _is_planned(new):
             cursor = path_percent_at(new.session, new.view.cursor)
-        data, low, high = joint_data(curves, joint, cursor)
+        data, low, high = joint_data(thinned(curves), joint, cursor)
         shown = tuple(range(1, 7)) if joint == 0 else (joint,)
         lines = [
             {
@@ -79,6 +81,17 @@ def _is_planned(snapshot: Snapshot) -> bool:
     return roll is not None and shown_roll(snapshot.session, snapshot.view.shown_roll) == max(
         roll.value.search.chosen, 0
     )
+
+
+def thinned(curves: JointCurves) -> JointCurves:
+    """Return curves at no more places than the graph can show; one that fails goes on to tell."""
+    count = len(curves.path_percent)
+    if count <= MOST_PLACES:
+        return curves
+    kept = np.linspace(0, count - 1, MOST_PLACES).round().astype(np.int64)
+    fails = None if curves.fails is None else np.logical_or.reduceat(curves.fails, kept)
+    places, joints = curves.path_percent[kept], curves.joints_deg[kept]
+    return replace(curves, path_percent=places, joints_deg=joints, fails=fails)
 
 
 def joint_data(
