@@ -20,6 +20,7 @@ STEP_PRESETS = {  # step -> preset; the camera moves only where the preset chang
     "maps": "Region",
     "implant": "Region",
 }
+POINTER_MM = 300.0  # about the tip of a pointer that is pivoted by hand: its handles
 FOV_RAD = np.deg2rad(45.0)  # of the height of the canvas
 NARROWEST = 0.8  # width of a canvas over its height, where the window does not say
 UP = np.array([0.0, 0.0, 1.0])
@@ -86,6 +87,12 @@ def camera_pose(
     return _around(
         np.concatenate((skull, _robot(static_scene), _tracker(static_scene))), OVERVIEW_RAD, aspect
     )
+
+
+def about_pointer(tip_base: Vector3, aspect: float = NARROWEST) -> CameraPose:
+    """Return the camera pose that shows the handles at the tip (3,) of a pointer in base."""
+    box = POINTER_MM * np.concatenate((np.eye(3), -np.eye(3)))
+    return _around(tip_base + box, OVERVIEW_RAD, aspect)
 
 
 def distance_mm(size_mm: float, share: float) -> float:

@@ -25,6 +25,7 @@ from rona_core.mapping.comparison.map_errors import MapErrors
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.session.document import Session
+from rona_ui.presentation.camera import STEP_PRESETS
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState, VolumeView
 
@@ -246,3 +247,12 @@ def shown_clearances(snapshot: Snapshot) -> tuple[PairClearance, ...]:
     if snapshot.view.step not in CLEARANCE_STEPS or q_rad is None:
         return ()
     return clearance_violations(snapshot.session, q_rad)
+
+
+def shown_preset(snapshot: Snapshot) -> str:
+    """Return the preset of what is being done: that of the step, but for picking and pivoting."""
+    if snapshot.view.drawing == "region":
+        return "Region"
+    if snapshot.pivoting_by_hand and snapshot.T_base_pointermarker is not None:
+        return "Pointer"
+    return STEP_PRESETS[snapshot.view.step]

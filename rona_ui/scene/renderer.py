@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from rona_core.geometry.arrays import Floats
 from rona_ui.presentation.colors import BACKGROUND
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.scene.implant import (
@@ -34,7 +35,7 @@ from rona_ui.scene.setup.room import RoomLayer
 from rona_ui.scene.setup.skull import NODE, HeadLayer, SkullLayer
 from rona_ui.scene.setup.tracker import TrackerLayer
 from rona_ui.scene.surface import CloudLayer, RegionLayer, RegisteredSkullLayer
-from rona_ui.scene.viser_nodes import SceneNodes
+from rona_ui.scene.viser_nodes import M_PER_MM, SceneNodes
 
 FLOOR_MM = -420.0  # the robot stands on a pedestal of about its base's height
 
@@ -89,13 +90,19 @@ class SceneRenderer:
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Bring the scene from ``old`` to ``new``."""
-        for layer in self._layers:
-            layer.render(old, new)
+        with self.nodes.sent_when_seen():
+            for layer in self._layers:
+                layer.render(old, new)
 
     def skull(self) -> Any:
         """Return the viewer's handle of the skull, or None while it is not there."""
-        return self.nodes.node(NODE) if NODE in self.nodes.names() else None
+        return self.nodes.node(NODE)
 
     def pivot_handles(self) -> Any:
         """Return the viewer's handle of the pivot handles, or None."""
-        return self.nodes.node(PIVOT_HANDLES) if PIVOT_HANDLES in self.nodes.names() else None
+        return self.nodes.node(PIVOT_HANDLES)
+
+    def pivot_tip_base(self) -> Floats | None:
+        """Return where the pivot handles stand (3,), or None."""
+        handles = self.pivot_handles()
+        return None if handles is None else np.asarray(handles.position) / M_PER_MM

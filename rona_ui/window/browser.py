@@ -21,7 +21,14 @@ from rona_core.session.document import Session
 from rona_ui.panels.layout.docks import Docks
 from rona_ui.panels.maps.comparison import BY_PAIRS, LEAST_PAIRS
 from rona_ui.panels.widgets.panel_context import PanelContext
-from rona_ui.presentation.camera import FOV_RAD, NARROWEST, STEP_PRESETS, UP, camera_pose
+from rona_ui.presentation.camera import (
+    FOV_RAD,
+    NARROWEST,
+    UP,
+    about_pointer,
+    camera_pose,
+)
+from rona_ui.presentation.shown import shown_preset
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import Pairs, ViewState
 from rona_ui.scene.path.path_editing import STROKES, extended, point_at
@@ -48,6 +55,7 @@ class Browser:
         self._lock = threading.Lock()
         self._view = ViewState()
         self._drawn: Snapshot | None = None
+        self._in_scene: Snapshot | None = None
         self._listening = False
         self._pivot_handles: Any = None
         context = PanelContext(
@@ -85,16 +93,19 @@ class Browser:
         self._listen(new)
         with self.client.atomic():
             self._docks.render(old, new)
-            self._scene.render(old, new)
+            self._draw_scene(new)
         self._drawn = new
         self._listen_to_pivot_handles()
         if new.static_scene is not None:
-            before = None
-            if old is not None and old.static_scene is not None:
-                before = STEP_PRESETS[old.view.step]
-            focus = STEP_PRESETS[new.view.step]
-            if before != focus:
-                self._set_camera(focus, settled=before is not None)
+            before = None if old is None or old.static_scene is None else shown_preset(old)
+            if before != shown_preset(new):
+                self._set_camera(shown_preset(new), settled=before is not None)
+
+    def _draw_scene(self, new: Snapshot) -> None:
+        """Draw the scene, from when it is known where everything in it stands."""
+        if new.static_scene is not None or self._in_scene is not None:
+            self._scene.render(self._in_scene, new)
+            self._in_scene = new
 
     # -------------------------------------------------------------- camera
 
@@ -102,7 +113,12 @@ class Browser:
         """Look as a preset does; until the docks are ``settled`` the canvas is still wider."""
         static_scene = None if self._drawn is None else self._drawn.static_scene
         aspect = max(self.client.camera.aspect, NARROWEST) if settled else NARROWEST
-        sight = camera_pose(name, static_scene, aspect)
+        tip_base = self._scene.pivot_tip_base() if name == "Pointer" else None
+        sight = (
+            camera_pose(name, static_scene, aspect)
+            if tip_base is None
+            else about_pointer(tip_base, aspect)
+        )
         with self.client.atomic():
             self.client.camera.position = metres(sight.eye_base)
             self.client.camera.look_at = metres(sight.target_base)

@@ -27,7 +27,7 @@ class ChecksPanel:
             row = self._rows.get(self._choice.value)
             if row is not None:
                 context.set_view(cursor=row.share, playing=False)
-                context.set_camera("Scan" if row.path_percent is not None else "Robot")
+                context.set_camera("Probe" if row.path_percent is not None else "Robot")
 
         on_change(self._choice, go)
 

@@ -28,7 +28,6 @@ class RegionControls:
 
     def _begin(self, event: Any) -> None:
         self._context.set_view(drawing="region", picks=())
-        self._context.set_camera("Region")
 
     def render(self, new: Snapshot) -> None:
         """Follow the session and what is being picked."""

@@ -35,6 +35,7 @@ from rona_ui.panels.roll.joints_graph import joint_data
 from rona_ui.panels.roll.roll import RollPanel
 from rona_ui.panels.roll.roll_browser import RollRanking, RollsPanel, bar, column_shown
 from rona_ui.panels.roll.roll_image import curve_lines, legend, roll_image, roll_picture
+from rona_ui.presentation.camera import STEP_PRESETS
 from rona_ui.presentation.colors import GREEN, VERMILLION, css
 from rona_ui.presentation.shown import shown_joints
 from rona_ui.presentation.view_state import ViewState
@@ -276,13 +277,13 @@ def test_the_path_is_drawn_by_margins_and_stops_where_the_roll_fails(demo: Sessi
     layer = MarginsLayer(SceneNodes(scene))
     plan = plan_of(demo)
     layer.render(None, snapshot(demo, view=replace(ROLL, shown_roll=fails)))
-    colors = scene.nodes[PATH].values[1]
+    colors = scene.nodes[PATH].colors
     assert (colors == VERMILLION).all(axis=1).any()
-    stop = scene.nodes[STOP].values[0][0] * 1000.0
+    stop = scene.nodes[STOP].points[0] * 1000.0
     np.testing.assert_allclose(
         stop, plan.search.path.points_base[plan.search.verdicts[fails].index], atol=1e-3
     )
-    assert f"joint {plan.search.verdicts[fails].joint}" in scene.nodes[WORDS].values[0]
+    assert f"joint {plan.search.verdicts[fails].joint}" in scene.nodes[WORDS].text
     layer.render(None, snapshot(demo, view=ROLL))
     assert STOP not in scene.nodes
     assert WORDS not in scene.nodes
@@ -349,6 +350,7 @@ def test_every_check_is_listed_with_value_limit_and_verdict(demo: Session) -> No
     choice.value = "wrist from straight"
     choice.happen(CLIENT)
     assert recorder.shown.cursor == row.share
+    assert recorder.looks == [STEP_PRESETS["scan"] if row.path_percent is not None else "Robot"]
     assert row.path_percent is not None
 
 

@@ -7,17 +7,24 @@ import pytest
 import trimesh
 
 from rona_core.devices.display import Mesh
+from rona_core.devices.live import LiveState
 from rona_core.geometry.pose import Pose
 from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.session.document import Session
 from rona_ui.presentation.camera import (
     BAR_MM,
     FOV_RAD,
     NARROWEST,
+    POINTER_MM,
     STEP_PRESETS,
     CameraPose,
+    about_pointer,
     camera_pose,
 )
+from rona_ui.presentation.shown import shown_preset
+from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.static_scene import StaticScene
+from rona_ui.presentation.view_state import ViewState
 
 MIDDLE = np.array((600.0, 60.0, 330.0))
 NORMAL = np.array((-0.15, 0.05, 1.0)) / np.linalg.norm((-0.15, 0.05, 1.0))
@@ -105,3 +112,23 @@ def test_the_overview_shows_robot_tracker_and_head_and_no_more_than_that(robot, 
 def test_views_of_the_head_show_all_of_it_large(name: str) -> None:
     places = seen(camera_pose(name, SCENE), SCENE.skull.vertices) / (NARROWEST, 1.0)
     assert 0.5 < np.abs(places).max() < 1.0
+
+
+def test_picking_the_region_and_pivoting_by_hand_have_a_view_of_their_own() -> None:
+    at = Snapshot(Session(), ViewState(step="setup"), (), LiveState())
+    assert shown_preset(at) == "Overview"
+    assert shown_preset(replace(at, view=ViewState(step="setup", drawing="region"))) == "Region"
+    pivoting = replace(at, view=ViewState(step="pointer"), pivoting_by_hand=True)
+    assert shown_preset(pivoting) == "Overview"  # nobody knows yet where the pointer is
+    held = replace(pivoting, T_base_pointermarker=Pose(np.eye(3), MIDDLE))
+    assert shown_preset(held) == "Pointer"
+    assert shown_preset(replace(held, pivoting_by_hand=False)) == "Overview"  # and back
+
+
+@pytest.mark.parametrize("aspect", [0.8, 1.6])
+def test_the_handles_of_the_pointer_fill_the_canvas(aspect: float) -> None:
+    tip_base = np.array((450.0, -200.0, 380.0))
+    around = np.concatenate((np.eye(3), -np.eye(3)))
+    places = seen(about_pointer(tip_base, aspect), tip_base + POINTER_MM * around)
+    share = np.abs(places) / (aspect, 1.0)
+    assert 0.9 < share.max() <= 1.0
