@@ -23,7 +23,7 @@ function card(file, name, words, act) {
 }
 
 function state(session) {
-  if (!session.changes) return session.saved ? `saved in ${session.file}` : "as it was opened";
+  if (!session.changes) return session.saved ? `saved in ${session.file}` : "as it was opened, not saved";
   return session.recovered ? "● recovered, not saved" : "● not saved";
 }
 
@@ -59,9 +59,10 @@ async function devices() {
     const { origin } = program.state;
     words = `${origin}: ${KINDS[origin] ?? ""}, of “${session.name}”.`;
     if (held) {
-      rows[0][1] = `${held.tracker.profile}, ${held.tracker.rate_hz} Hz`;
+      const [first, ...rest] = held.tracker.profile;
+      rows[0][1] = `${first.toUpperCase()}${rest.join("")}, ${held.tracker.rate_hz} Hz`;
       rows[1][1] = held.robot.model.toUpperCase();
-      rows[2][1] = `${held.probe.name}`;
+      rows[2][1] = held.probe.name.replace(/(\d)MHz/, "$1 MHz");
     }
   } else if (session) {
     words = "The devices of the open session could not be built: see step 1.";

@@ -95,6 +95,7 @@ class Docks:
         with replay.add_tab("Replay", "player-play"):
             panels.append(ReplayPanel(gui, context, replay))
         replay.float(x=16, y=-16, width=REPLAY_PX)
+        replay.minimize()  # it would hide the lower part of the region
         self._panels = tuple(panels)
 
     @staticmethod

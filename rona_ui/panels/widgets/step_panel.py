@@ -62,6 +62,7 @@ class StepPanel:
         self.folder = gui.add_folder(None, visible=False)
         with self.folder:
             gui.add_html(style.text(self.explanation))
+            self.verdict = gui.add_html("")  # above the fields, where it is seen without scrolling
             self.build()
             self.remark = gui.add_html("")
 
@@ -87,23 +88,18 @@ class StepPanel:
             self.form.enable(not new.busy)
         self.update(old, new)
         if active and changed(old, new, *FOLLOWED):
-            html = (stopped_note(new, self.activity) if self.activity else "") + self.remarks(new)
-            self.remark.content = self._judged(html, new)
-
-    def _judged(self, html: str, snapshot: Snapshot) -> str:
-        """Return the remarks with the verdict of the step: what is not good is not praised."""
-        if snapshot.step(self.step).state == "stale":
-            return html.replace("r-note good", "r-note")
-        found = judged(snapshot, self.step)
-        if not found.missed:
-            return html
-        return missed_note(found) + html.replace("r-note good", "r-note")
+            stopped, html = stopped_note(new, self.activity), self.remarks(new)
+            stale = new.step(self.step).state == "stale"
+            missed = "" if stale else missed_note(judged(new, self.step))
+            self.verdict.content = missed + stopped
+            # what is not good is not praised
+            self.remark.content = html.replace("r-note good", "r-note") if stale or missed else html
 
 
 def stopped_note(snapshot: Snapshot, activity: str) -> str:
     """Return what became of an activity that was stopped, as HTML; empty where none was."""
     job = snapshot.job
-    if job is None or job.activity != activity or job.state != "cancelled":
+    if not activity or job is None or job.activity != activity or job.state != "cancelled":
         return ""
     if job.error:
         return style.note(f"Stopped: {job.error}.", "warn")

@@ -141,7 +141,7 @@ def _scan_key(snapshot: Snapshot) -> tuple[object, ...]:
 
 
 POINTS = "/references/points"
-SIZE_MM = 2.4
+SIZE_MM = 1.2
 POINT_MM, LABEL_MM = 1.0, 4.0  # above the outer boundary
 
 
@@ -195,7 +195,7 @@ PATH, AXES, CELLS = "/second/path", "/second/axes", "/second/cells"
 AXIS_MM = 10.0
 MOST_AXES = 240
 CELLS_MM = 1.2  # of the cells over the bone
-CELL_MM, PATH_MM = 0.4, 0.35
+CELL_MM, PATH_MM = 0.2, 0.35
 WHITE: Rgb = (255, 255, 255)
 
 

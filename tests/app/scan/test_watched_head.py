@@ -14,7 +14,7 @@ from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.path.messages import StartPathCapture
 from rona_core.app.steps.pointer.messages import StartPointerCapture
 from rona_core.app.steps.roll.messages import StartRollSearch
-from rona_core.app.steps.scan.head_view import head_report, unwatched
+from rona_core.app.steps.scan.head_view import HeadShift, head_report, head_sentence, unwatched
 from rona_core.app.steps.scan.messages import StartScan
 from rona_core.app.steps.scan.probe_poses import probe_poses_of
 from rona_core.app.steps.setup.messages import (
@@ -199,3 +199,8 @@ def test_where_nobody_knows_the_scan_is_flagged(planned, message, reason):
     line = next(step for step in step_states(session) if step.name == "scan")
     assert "head not watched" in line.reason
     bench.close()
+
+
+def test_a_shift_that_rounds_to_nothing_has_no_minus():
+    shift = HeadShift("scan", "moved", (-0.004, 0.012, -0.3), (0.01, 0.01, 0.01), range_mm=0.03)
+    assert "(+0.00, +0.01, -0.30 along x, y, z)" in head_sentence(shift)

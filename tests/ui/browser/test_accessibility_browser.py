@@ -16,6 +16,22 @@ RUN = """async () => {
     .map((each) => `${each.id}: ${each.nodes.map((node) => node.html.slice(0, 200)).join(' ; ')}`)};
 }"""
 THEME = "() => document.documentElement.dataset.theme"
+# of the open tabs of the docks over what is behind them, which axe-core does not judge
+CONTRASTS = """() => {
+  const parts = (color) => color.match(/[\\d.]+/g).map(Number);
+  const light = (color) => parts(color).slice(0, 3).map((c) => c / 255)
+    .map((c) => (c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4))
+    .reduce((sum, c, i) => sum + c * [0.2126, 0.7152, 0.0722][i], 0);
+  const behind = (element) => {
+    const color = getComputedStyle(element).backgroundColor, [, , , alpha = 1] = parts(color);
+    return alpha === 1 || !element.parentElement ? color : behind(element.parentElement);
+  };
+  return [...document.querySelectorAll('[data-dock-tab][aria-selected=true]')].map((tab) => {
+    const [dark, bright] = [light(getComputedStyle(tab).color), light(behind(tab))]
+      .sort((a, b) => a - b);
+    return (bright + 0.05) / (dark + 0.05);
+  });
+}"""
 NAMELESS = """() => {
   const button = document.body.appendChild(document.createElement('button'));
   button.id = 'nameless';
@@ -43,6 +59,9 @@ def test_no_step_has_a_serious_finding(surgeon: Surgeon, theme: str) -> None:
         surgeon.open_step(step)
         found[step] = audit(surgeon) and audit(surgeon)  # once more: colours fade into each other
     assert found == {step: [] for step in STEPS}
+    contrasts = surgeon.frame.evaluate(CONTRASTS)
+    assert len(contrasts) >= 2
+    assert min(contrasts) >= 4.5
 
 
 def test_neither_the_start_page_nor_what_lies_over_it_has_one(surgeon: Surgeon) -> None:

@@ -125,6 +125,15 @@ def test_maps_that_show_half_of_the_inner_boundary_are_not_praised(demo):
     assert "review" not in list_row(whole)
 
 
+def test_what_misses_a_limit_is_told_above_the_fields(demo):
+    gui, at = FakeGui(), snapshot(demo, "maps", figures={"inner_coverage_fraction": 0.47})
+    MapsPanel(gui, NOTHING).render(None, at)
+    told = [h for h in gui.handles if h.kind == "html" and "Coverage, inner 0.47" in h.content]
+    assert len(told) == 1
+    fields = [h for h in gui.handles if h.kind in ("number", "dropdown", "checkbox")]
+    assert gui.handles.index(told[0]) < gui.handles.index(fields[0])
+
+
 def test_the_worst_verdict_of_a_step_counts(demo):
     figures = {"outer_rms_mm": 0.2, "inner_rms_mm": 1.0, "thickness_rms_mm": 2.0}
     found = judgement(quality_rows(figures, demo), "maps")

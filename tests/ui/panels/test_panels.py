@@ -27,7 +27,7 @@ from rona_ui.panels.layout.quality import QualityPanel
 from rona_ui.panels.layout.run_bar import RunBar, StepList, StepTitle
 from rona_ui.panels.maps.second_pass import second_pass_words as second_words
 from rona_ui.panels.pointer import PointerPanel
-from rona_ui.panels.roll.joints_graph import joint_data
+from rona_ui.panels.roll.joints_graph import MOST_PLACES, joint_data, thinned
 from rona_ui.panels.scan.scan import ScanPanel
 from rona_ui.panels.setup.setup import SetupPanel
 from rona_ui.panels.tool.tool import ToolPanel
@@ -136,23 +136,23 @@ def test_a_scan_that_was_stopped_while_the_tool_was_weighed_says_so_and_goes_on_
     running = JobStatus("1", "StartScan", "running", 0.0)
     before = snapshot(view=view, job=running)
     panel.render(None, before)
-    assert "Stopped" not in panel.remark.content
+    assert "Stopped" not in panel.verdict.content
     words = f"{STOPPED} {EVIL}"
     ended = replace(running, state="cancelled", error_code="cancelled", error=words)
     after = replace(before, job=ended)
     panel.render(before, after)
-    shown = panel.remark.content
+    shown = panel.verdict.content
     assert "Stopped: the robot was stopped while the tool was weighed" in shown
     assert "no A-scan was recorded, and an earlier scan is kept" in shown
     assert EVIL not in shown
     panel.render(after, replace(after, view=replace(view, cursor=3)))
-    assert panel.remark.content == shown
+    assert panel.verdict.content == shown
     again = replace(after, job=replace(running, id="2"))
     panel.render(after, again)
-    assert "Stopped" not in panel.remark.content
+    assert "Stopped" not in panel.verdict.content
     other = replace(after, job=replace(ended, activity="StartGapScan"))
     panel.render(None, other)
-    assert "Stopped" not in panel.remark.content
+    assert "Stopped" not in panel.verdict.content
     assert "the tool was weighed" in second_words(other, None, False)
 
 
@@ -415,3 +415,18 @@ def test_failing_place_and_cursor_are_upright_lines_and_one_joint_is_in_degrees(
     assert np.isfinite(np.array(data)).all()
     assert (lower == -100.0).all()
     assert (upper == 300.0).all()
+
+
+def test_curves_of_many_places_are_thinned_and_a_single_failing_place_still_tells() -> None:
+    x = np.linspace(0.0, 100.0, 1763)
+    values = np.outer(np.sin(x / 9.0), np.full(6, 90.0))
+    fails = x == x[1001]
+    many = replace(curves(False), path_percent=x, joints_deg=values, fails=fails)
+    few = thinned(many)
+    assert len(few.path_percent) == len(few.joints_deg) == MOST_PLACES
+    assert (few.path_percent[0], few.path_percent[-1]) == (0.0, 100.0)
+    between = np.interp(x, few.path_percent, few.joints_deg[:, 0])
+    np.testing.assert_allclose(between, values[:, 0], atol=0.05)
+    assert few.fails is not None
+    assert few.path_percent[few.fails] == pytest.approx([x[1001]], abs=100.0 / MOST_PLACES)
+    assert thinned(few) is few

@@ -72,7 +72,7 @@ def head_sentence(scan: HeadShift) -> str:
     sigma_mm = max(np.linalg.norm(scan.sigma_mm), 0.01)
     if scan.state == "still":
         return f"The head has not moved since step 4 (± {sigma_mm:.2f} mm, by its marker)."
-    x, y, z = scan.shift_mm
+    x, y, z = (round(part, 2) + 0.0 for part in scan.shift_mm)  # no "-0.00"
     return (
         f"The head has moved by {np.linalg.norm(scan.shift_mm):.2f} ± {sigma_mm:.2f} mm since step "
         f"4 ({x:+.2f}, {y:+.2f}, {z:+.2f} along x, y, z), and by up to {scan.range_mm:.2f} mm in "
