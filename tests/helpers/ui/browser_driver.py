@@ -76,9 +76,11 @@ PUT = """async ([path, body]) => (await fetch('/api/v1/sessions/current' + path,
   headers: {'Content-Type': 'application/json'}, body: JSON.stringify(body)})).status"""
 ASK = "async (path) => (await fetch('/api/v1' + path)).json()"
 STATES = """() => [...document.querySelectorAll('.r-step .r-badge')].map((e) => e.textContent)"""
-# names of what is drawn; parents that stay behind, empty, when their last child goes do not count
+# names of what is to be seen; parents that stay behind, empty, when their last child goes do not
+# count
 NODES = """() => {
-  const all = Object.keys(window.__viserSceneTree.getState());
+  const state = window.__viserSceneTree.getState();
+  const all = Object.keys(state).filter((name) => state[name].effectiveVisibility !== false);
   const empty = ['/drawing', '/pointer', '/maps', '/path', '/scan', '/rolls', '/surface',
     '/edit', '/pattern', '/places', '/places/best', '/places/smallest',
     '/margins', '/obstacles', '/second', '/references', '/implant', '/bed', '/milling',
@@ -133,7 +135,7 @@ def running_server(sessions: Path, pace: float | None = None) -> Iterator[str]:
     )
     address = f"http://127.0.0.1:{port}/"
     try:
-        wait_for(lambda: _answers(address) or server.poll() is not None, "the server")
+        wait_for(lambda: answers(address) or server.poll() is not None, "the server")
         if server.poll() is not None:
             raise RuntimeError((sessions / "server.log").read_text())
         yield f"{address}session?token={TOKEN}"
@@ -147,7 +149,8 @@ def running_server(sessions: Path, pace: float | None = None) -> Iterator[str]:
         log.close()
 
 
-def _answers(address: str) -> bool:
+def answers(address: str) -> bool:
+    """Return whether a server is there."""
     try:
         urllib.request.urlopen(address, timeout=2.0).close()
     except urllib.error.HTTPError:

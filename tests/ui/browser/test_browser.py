@@ -1,16 +1,17 @@
-"""The whole procedure in a real browser, by mouse and keyboard alone."""
+"""The whole procedure in a real browser: by hand with the mouse, by keys, by single clicks."""
 
-import re
-import time
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
+from rona_ui.scene.pointer import HANDLES_MM
+from tests.helpers.ui import hand, keyboard
 from tests.helpers.ui.browser_driver import (
     PICTURES,
+    REPOSITORY,
     STEPS,
     Surgeon,
     running_server,
@@ -21,6 +22,30 @@ from tests.helpers.ui.browser_driver import (
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 PACE = None if PICTURES else 40.0  # times real time; None is what `rona serve` takes
 # a name that would be markup if it were not escaped; a plain one where pictures are kept
+SHARED = Path(os.environ.get("RONA_SHARED", REPOSITORY.parent / "shared"))
+LIMITS = {"outer_rms_mm": 0.35, "inner_rms_mm": 0.85, "thickness_rms_mm": 0.5}
+CLICKS = {
+    "Tool": "Move and register",
+    "Pointer": "Pivot and calibrate",
+    "Surface": "Sweep the region",
+    "Path": "Record raster path",
+    "Smoothing": "Smooth the path",
+    "Roll": "Plan motion",
+    "Scan": "Scan",
+    "Maps": "Map the boundaries",
+}
+MAPS = {
+    "Outer boundary": "/maps/outer",
+    "Outer, fused with pointer": "/maps/fused",
+    "Inner boundary": "/maps/inner",
+}
+COUNT = """(event) => {
+  window.removeEventListener(window.countedEvent, window.counter, true);
+  window.counted = 0;
+  window.countedEvent = event;
+  window.counter = (each) => { if (each.isTrusted) window.counted += 1; };
+  window.addEventListener(event, window.counter, true);
+}"""
 NAME = "Bone 7" if PICTURES else "Bone <b>7</b> & co"
 
 
@@ -35,14 +60,6 @@ def surgeon(
         yield surgeon
 
 
-def region_center(surgeon: Surgeon) -> np.ndarray:
-    """Read the centre of the region from what the set-up step says."""
-    words = surgeon.frame.get_by_text("Region: centre").inner_text()
-    found = re.search(r"\((-?\d+), (-?\d+), (-?\d+)\)", words)
-    assert found is not None
-    return np.array([float(part) for part in found.groups()])
-
-
 def quality(surgeon: Surgeon) -> list[str]:
     surgeon.tab("Quality")
     rows = surgeon.frame.locator(".r-table", has_text="Quantity").locator("tr")
@@ -54,29 +71,44 @@ def bed_of(surgeon: Surgeon) -> Any:
     return surgeon.ask("/sessions/current/results/implant")["results"]["bed"]["value"]
 
 
-def draw_meander(surgeon: Surgeon, center: np.ndarray) -> None:
-    """Draw on the skull: drag along eight lines over the region."""
-    mouse = surgeon.page.mouse
-    for number, y in enumerate(np.arange(-17.5, 18.0, 5.0)):
-        half = np.sqrt(22.0**2 - y**2)
-        ends = [
-            center + np.array([x, y, 0.15 * x - 0.006 * (x * x + y * y)]) for x in (-half, half)
-        ]
-        if number % 2:
-            ends.reverse()
-        (x0, y0), (x1, y1) = surgeon.pixels([tuple(end) for end in ends])
-        mouse.move(x0, y0)
-        mouse.down()
-        for share in np.linspace(0.05, 1.0, 20):
-            mouse.move(x0 + share * (x1 - x0), y0 + share * (y1 - y0))
-            time.sleep(0.03)  # a hand; the page reports a drag at most 20 times a second
-        mouse.up()
+def maps_seen(surgeon: Surgeon) -> set[str]:
+    """Return which maps are to be seen."""
+    return set(MAPS.values()) & set(surgeon.nodes())
 
 
-def points_so_far(surgeon: Surgeon) -> int:
-    words = surgeon.frame.get_by_text("points so far").inner_text()
-    found = re.search(r"(\d+) points so far", words)
-    return int(found.group(1)) if found else 0
+def count(surgeon: Surgeon, event: str) -> None:
+    """Count events of a kind, in the page and in the docks, that a hand made."""
+    for frame in (surgeon.page.main_frame, surgeon.frame):
+        frame.evaluate(COUNT, event)
+
+
+def counted(surgeon: Surgeon) -> int:
+    """Return how many there were."""
+    frames = (surgeon.page.main_frame, surgeon.frame)
+    return sum(frame.evaluate("() => window.counted") for frame in frames)
+
+
+def new_session(surgeon: Surgeon) -> None:
+    """Begin a new session; one that is open stays so, unsaved."""
+    before = surgeon.ask("/sessions/current")["id"]
+    surgeon.menu("sessionbutton", "New session")
+    asked = surgeon.page.locator("#leavekeep")
+
+    def there() -> bool:
+        if asked.is_visible():
+            asked.click()
+        return surgeon.ask("/sessions/current")["id"] != before
+
+    wait_for(there, "a new session")
+    wait_for(lambda: surgeon.states()[1:3] == ["ready", "ready"], "its steps")
+
+
+def within_limits(surgeon: Surgeon) -> None:
+    """Hold the maps of the open session against the limits of `make results`."""
+    rows = {row["key"]: row for row in surgeon.ask("/sessions/current/quality")}
+    values = {key: rows[key]["value"] for key in LIMITS}
+    assert all(values[key] <= limit for key, limit in LIMITS.items()), values
+    assert rows["coverage_fraction"]["value"] >= 0.9
 
 
 def test_the_page_opens_on_a_copy_of_the_demo_session(surgeon: Surgeon) -> None:
@@ -90,21 +122,26 @@ def test_the_page_opens_on_a_copy_of_the_demo_session(surgeon: Surgeon) -> None:
     surgeon.picture("demo")
 
 
-def test_ten_steps_by_mouse_then_saved_and_opened_again(surgeon: Surgeon) -> None:
+def test_ten_steps_by_hand_with_the_mouse_alone_then_saved_and_opened_again(
+    surgeon: Surgeon,
+) -> None:
     frame, page = surgeon.frame, surgeon.page
 
-    # a new session under a name of its own
-    surgeon.menu("sessionbutton", "New session")
-    wait_for(lambda: surgeon.states()[1:3] == ["ready", "ready"], "a new session")
+    # a new session under a name of its own; from then on no key is touched
+    new_session(surgeon)
     surgeon.menu("sessionbutton", "Rename")
     page.locator("#namingfield").fill(NAME)
     page.keyboard.press("Enter")
     name = page.locator("#name")
     name.get_by_text(NAME, exact=True).wait_for()
     assert name.locator("b").count() == 0  # none from the name
+    count(surgeon, "keydown")
+
+    # the region is chosen by a click on the skull
     surgeon.open_step("Set-up")
     assert surgeon.states() == ["done", "ready", "ready", *["blocked"] * 7]
-    center = region_center(surgeon)
+    hand.pick_region(surgeon, (2.0, -2.0, 0.0))
+    center = hand.region_center(surgeon)
     surgeon.picture("setup")
 
     # a step that is blocked says why and cannot be started
@@ -112,28 +149,32 @@ def test_ten_steps_by_mouse_then_saved_and_opened_again(surgeon: Surgeon) -> Non
     assert frame.get_by_text("Blocked: first plan the motion").is_visible()
     assert surgeon.button("Scan").is_disabled()
 
-    for step, primary in (("Tool", "Move and register"), ("Pointer", "Pivot and calibrate")):
-        surgeon.open_step(step)
-        surgeon.button(primary).click()
-        surgeon.wait_state(step, "done")
-        surgeon.picture(step.lower())
-    surgeon.button("Next: 4 Surface").click()
-    surgeon.button("Sweep the region").click()
-    surgeon.wait_state("Surface", "done")
-    surgeon.picture("surface")
+    surgeon.open_step("Tool")
+    surgeon.button("Move and register").click()
+    surgeon.wait_state("Tool", "done")
+    surgeon.picture("tool")
+    surgeon.open_step("Pointer")
+    surgeon.button("Pivot by hand").click()
+    hand.pivot(surgeon, HANDLES_MM / 1000.0)
+    surgeon.picture("pointer")
+    surgeon.button("Finish and calibrate").click()
+    surgeon.wait_state("Pointer", "done")
 
-    # the path is drawn on the skull in the 3D scene
-    surgeon.open_step("Path")
-    surgeon.button("Draw on the skull").click()
-    frame.get_by_text("points so far").wait_for()
-    draw_meander(surgeon, center)
-    wait_for(lambda: points_so_far(surgeon) >= 60, "60 points on the skull")
-    assert {"/drawing/line", "/drawing/points"} <= set(surgeon.nodes())
-    surgeon.picture("path")
-    surgeon.button("Finish stroke").click()
-    surgeon.wait_state("Path", "done")
+    # the skull is swept and the path is shown on it by the mouse in the 3D scene
+    for step, half_mm, spacing_mm, places in (
+        ("Surface", 29.0, 3.5, 5),
+        ("Path", 24.0, 5.0, 6),
+    ):
+        surgeon.open_step(step)
+        surgeon.button("Draw on the skull").click()
+        frame.get_by_text("points so far").wait_for()
+        assert hand.draw_meander(surgeon, center, half_mm, spacing_mm, places) >= 50
+        assert {"/drawing/line", "/drawing/points"} <= set(surgeon.nodes())
+        surgeon.picture(step.lower())
+        surgeon.button("Finish stroke").click()
+        surgeon.wait_state(step, "done")
+        assert "/drawing/line" not in surgeon.nodes()
     wait_for(lambda: "/path/raw" in surgeon.nodes(), "the path in the scene")
-    assert "/drawing/line" not in surgeon.nodes()
 
     surgeon.open_step("Smoothing")
     surgeon.button("Smooth the path").click()
@@ -146,17 +187,23 @@ def test_ten_steps_by_mouse_then_saved_and_opened_again(surgeon: Surgeon) -> Non
     assert frame.get_by_text("s, verified.").is_visible()
     surgeon.picture("roll")
     surgeon.open_step("Scan")
+    hand.unfold(surgeon, "Probe mounting")
+    hand.carry_out(surgeon, "Record on gauge plate")
     surgeon.button("Scan").click()
     surgeon.wait_state("Scan", "done")
     surgeon.tab("A-scan")
     surgeon.picture("scan")
     surgeon.open_step("Maps")
-    surgeon.button("Map the boundaries").click()
+    for button in ("Map the boundaries", "Plan second pass", "Scan gaps", "Map with second pass"):
+        hand.carry_out(surgeon, button)
     surgeon.wait_state("Maps", "done")
-    surgeon.wait_idle()
+    within_limits(surgeon)
     wait_for(lambda: any("Inner boundary" in row for row in quality(surgeon)), "figures")
-    assert {"/maps/outer", "/maps/inner", "/maps/fused"} <= set(surgeon.nodes())
     surgeon.picture("maps")
+    for words, node in MAPS.items():
+        surgeon.field("Show").click()
+        frame.get_by_role("option", name=words, exact=True).filter(visible=True).click()
+        wait_for(lambda node=node: maps_seen(surgeon) == {node}, words)
     surgeon.open_step("Implant bed")
     surgeon.button("Search the bed").click()
     bed = wait_for(lambda: bed_of(surgeon), "a bed, or why there is none")
@@ -167,10 +214,11 @@ def test_ten_steps_by_mouse_then_saved_and_opened_again(surgeon: Surgeon) -> Non
         true_bone = "Bone below the bed, true"
         wait_for(lambda: any(true_bone in row for row in quality(surgeon)), "figures of the bed")
     surgeon.picture("implant")
-
-    # saved, gone, and opened again: the same states, figures and scene
-    page.keyboard.press("Control+s")
+    page.locator("#save").click()
     wait_for(lambda: surgeon.saved() == "saved", "the file")
+    assert counted(surgeon) == 0
+
+    # gone, and opened again: the same states, figures and scene
     states, figures, nodes = surgeon.states(), quality(surgeon), surgeon.nodes()
     assert states[:-1] == ["done"] * (len(STEPS) - 1)  # the bone may be too thin for a bed
     surgeon.menu("sessionbutton", "New session")
@@ -186,7 +234,7 @@ def test_ten_steps_by_mouse_then_saved_and_opened_again(surgeon: Surgeon) -> Non
     surgeon.open_step("Implant bed")  # the figures of the open step stand first
     wait_for(lambda: quality(surgeon) == figures, "the figures to come back")
     assert surgeon.states() == states
-    assert surgeon.nodes() == nodes
+    wait_for(lambda: surgeon.nodes() == nodes, "the scene to come back")
     assert page.locator("#name").inner_text() == NAME
     assert surgeon.errors == []
 
@@ -215,3 +263,75 @@ def test_a_value_out_of_range_is_told_and_the_field_shows_the_truth(surgeon: Sur
     radius.press("Enter")
     surgeon.frame.get_by_text("Region radius (mm) must be 5 to 45, not 453").first.wait_for()
     wait_for(lambda: radius.input_value() == held, "the field to show the truth")
+
+
+def test_all_steps_by_keys_alone(surgeon: Surgeon) -> None:
+    new_session(surgeon)
+    count(surgeon, "pointerdown")
+    for step in STEPS[1:9]:
+        keyboard.go_to(surgeon, step)
+        wait_for(surgeon.button("Cancel").is_hidden, "the step to be free")
+        if step == "Scan":
+            keyboard.open_folder(surgeon, "Probe mounting")
+            keyboard.press(surgeon, "Record on gauge plate")
+        surgeon.page.keyboard.press("Control+Enter")
+        surgeon.wait_state(step, "done")
+        surgeon.wait_idle()
+    keyboard.press(surgeon, "Plan second pass")
+    keyboard.press(surgeon, "Scan gaps")
+    keyboard.open_folder(surgeon, "Sound speed calibration")
+    keyboard.press(surgeon, "Measure with caliper")
+    keyboard.press(surgeon, "Map the boundaries")
+    within_limits(surgeon)
+
+    keyboard.go_to(surgeon, "Implant bed")
+    surgeon.page.keyboard.press("Control+Enter")
+    surgeon.wait_state("Implant bed", "done")
+    keyboard.press(surgeon, "Plan milling")
+    keyboard.press(surgeon, "Rehearse milling")
+    surgeon.frame.get_by_text("Rehearsed: ").wait_for()
+    assert counted(surgeon) == 0
+    assert surgeon.errors == []
+
+
+def with_ur10(surgeon: Surgeon) -> None:
+    """Choose another arm."""
+    hand.unfold(surgeon, "Robot")
+    surgeon.field("Arm").click()
+    surgeon.frame.get_by_role("option", name="UR10").click()
+    arm = lambda: surgeon.ask("/sessions/current")["setup"]["devices"]["robot"]["model"]  # noqa: E731
+    wait_for(lambda: arm() == "ur10", "the other arm")
+
+
+def with_skull_c(surgeon: Surgeon) -> None:
+    """Load a real skull."""
+    file = SHARED / "data" / "skull_c_mask.nrrd"
+    if not file.is_file():
+        pytest.skip(f"{file.name} is not there: set RONA_SHARED to the folder that holds data/")
+    hand.unfold(surgeon, "Load a skull")
+    with surgeon.page.expect_file_chooser() as chooser:
+        surgeon.button("Load skull file").click()
+    chooser.value.set_files(file)
+    wait_for(lambda: surgeon.field("Skull").input_value() == "From a file", "the skull")
+    surgeon.wait_idle()
+
+
+@pytest.mark.parametrize("choose", [with_ur10, with_skull_c])
+def test_nine_steps_by_single_clicks_on_another_bone_and_with_another_arm(
+    surgeon: Surgeon, choose: Any
+) -> None:
+    new_session(surgeon)
+    surgeon.open_step("Set-up")
+    choose(surgeon)
+    count(surgeon, "pointerdown")
+    for number, (step, primary) in enumerate(CLICKS.items(), start=2):
+        surgeon.button(f"Next: {number} {step}").click()
+        if step == "Scan":
+            hand.unfold(surgeon, "Probe mounting")
+            hand.carry_out(surgeon, "Record on gauge plate")
+        surgeon.button(primary).click()
+        surgeon.wait_state(step, "done")
+        surgeon.wait_idle()
+    assert counted(surgeon) == 2 * len(CLICKS) + 2  # and nothing typed
+    within_limits(surgeon)
+    assert surgeon.errors == []

@@ -1,56 +1,17 @@
 """A program that is killed in the middle of work, and what the page offers afterwards."""
 
-import os
-import signal
-import subprocess
-import sys
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
 
-from rona_ui.resources import demo_session
-from tests.helpers.ui.browser_driver import (
-    REPOSITORY,
-    TOKEN,
-    Surgeon,
-    _answers,
-    free_port,
-    surgeon_at,
-    wait_for,
-)
+from tests.helpers.ui.browser_driver import TOKEN, Surgeon, surgeon_at, wait_for
+from tests.helpers.ui.program import Program
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 NAME = "Bone <b>9</b> & co"  # would be markup if it were not escaped
 POST = """async ([path, body]) => (await fetch('/api/v1' + path, {method: 'POST',
   headers: {'Content-Type': 'application/json'}, body: JSON.stringify(body)})).json()"""
-
-
-class Program:
-    """`rona serve` on one port; it can be killed, with all that it started, and started anew."""
-
-    def __init__(self, sessions: Path) -> None:
-        self.sessions, self.port = sessions, free_port()
-        self.address = f"http://127.0.0.1:{self.port}/"
-        self.start()
-
-    def start(self) -> None:
-        command = [sys.executable, "-m", "rona_ui", "serve", str(demo_session()), "--no-open"]
-        command += ["--pace", "0"]
-        command += ["--port", str(self.port), "--sessions", str(self.sessions)]
-        environment = {**os.environ, "RONA_TOKEN": TOKEN, "OMP_NUM_THREADS": "1"}
-        self.log = (self.sessions / "server.log").open("ab")
-        self.process = subprocess.Popen(
-            command, cwd=REPOSITORY, env=environment, stdout=self.log, stderr=self.log,
-            start_new_session=True,
-        )  # fmt: skip
-        wait_for(lambda: _answers(self.address), "the server")
-
-    def kill(self) -> None:
-        os.killpg(self.process.pid, signal.SIGKILL)
-        self.process.wait(20)
-        self.log.close()
 
 
 @pytest.fixture(scope="module")

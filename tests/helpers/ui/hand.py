@@ -1,0 +1,144 @@
+"""A hand at the mouse: it picks the region, pivots the pointer, sweeps, and draws on the skull."""
+
+import re
+import time
+from typing import Any
+
+import numpy as np
+
+from tests.helpers.ui.browser_driver import Surgeon, wait_for
+
+MOVE_S = 0.03  # between two moves of a hand while a pivot is recorded in real time
+ARC = 0.65  # radius of a handle over the size of all handles
+TILT_RAD = np.deg2rad(28.0)
+HANDLES = """(places) => {
+  const m = window.__viserMutable, node = m.nodeRefFromName['/pivot_handles'];
+  node.updateWorldMatrix(true, false);
+  const box = m.canvas.getBoundingClientRect();
+  return places.map((p) => {
+    const v = node.position.clone().set(...p).applyMatrix4(node.matrixWorld).project(m.camera);
+    return [box.left + (v.x + 1) / 2 * box.width, box.top + (1 - v.y) / 2 * box.height];
+  });
+}"""
+# pixels of the page that a millimetre takes at a place in base (mm), across the view
+SCALE = """(p) => {
+  const m = window.__viserMutable, node = m.nodeRefFromName['/skull'];
+  const at = node.position.clone().set(...p.map((mm) => mm / 1000)).applyMatrix4(node.matrixWorld);
+  const depth = -at.applyMatrix4(m.camera.matrixWorldInverse).z;
+  const height = m.canvas.getBoundingClientRect().height;
+  return height / 2000 * m.camera.projectionMatrix.elements[5] / depth;
+}"""
+CAMERA = "() => window.__viserMutable.camera.matrixWorld.elements.map((e) => e.toFixed(4)).join()"
+
+
+def camera_rests(surgeon: Surgeon) -> None:
+    """Wait until the camera has arrived where the step wants it."""
+    seen = [""]
+
+    def rests() -> bool:
+        before, seen[0] = seen[0], surgeon.frame.evaluate(CAMERA)
+        return before == seen[0]
+
+    wait_for(rests, "the camera to rest")
+
+
+def region(surgeon: Surgeon) -> Any:
+    """Return the region of the open session, as REST tells of it."""
+    return surgeon.ask("/sessions/current")["setup"]["region"]
+
+
+def region_center(surgeon: Surgeon) -> np.ndarray:
+    """Read the centre of the region in base (mm) from what the set-up step says."""
+    words = surgeon.frame.get_by_text("Region: centre").inner_text()
+    found = re.search(r"\((-?\d+), (-?\d+), (-?\d+)\)", words)
+    assert found is not None
+    return np.array([float(part) for part in found.groups()])
+
+
+def pick_region(surgeon: Surgeon, offset_mm: tuple[float, float, float]) -> np.ndarray:
+    """Pick the region by a click beside where it is; return its new centre on the skull."""
+    place = region_center(surgeon) + offset_mm
+    surgeon.button("Pick region").click()
+    surgeon.frame.get_by_text("Click the skull where the centre").wait_for()
+    camera_rests(surgeon)
+    held = region(surgeon)["center_mesh_mm"]
+    surgeon.page.mouse.click(*surgeon.pixels([tuple(place)])[0])
+    wait_for(lambda: region(surgeon)["center_mesh_mm"] != held, "the new region")
+    surgeon.button("Pick region").wait_for()
+    return np.array(region(surgeon)["center_mesh_mm"])
+
+
+def pivot(surgeon: Surgeon, size_m: float) -> None:
+    """Tilt the pointer about its tip to and fro, by two of its three handles."""
+    surgeon.frame.wait_for_function(
+        "() => '/pivot_handles' in window.__viserSceneTree.getState()"
+        " && window.__viserMutable.nodeRefFromName['/pivot_handles']"
+    )
+    mouse, box = surgeon.page.mouse, surgeon.page.locator("iframe#viewer").bounding_box()
+    turns = np.pi / 4.0 + TILT_RAD * np.sin(np.linspace(0.0, 2.0 * np.pi, 49))
+    circle = ARC * size_m * np.column_stack((np.cos(turns), np.sin(turns)))
+    for first, second in ((1, 2), (2, 0)):  # axes between which the arcs are
+        arc = np.zeros((len(turns), 3))
+        arc[:, first], arc[:, second] = circle.T
+        inside = np.array(surgeon.frame.evaluate(HANDLES, arc.tolist()))
+        places = inside + (box["x"], box["y"])
+        mouse.move(*places[0])
+        mouse.down()
+        for place in places[1:]:
+            mouse.move(*place)
+            time.sleep(MOVE_S)
+        mouse.up()
+
+
+def points_so_far(surgeon: Surgeon) -> int:
+    """Return how many points have been drawn on the skull."""
+    words = surgeon.frame.get_by_text("points so far").inner_text()
+    found = re.search(r"(\d+) points so far", words)
+    return int(found.group(1)) if found else 0
+
+
+def draw_meander(
+    surgeon: Surgeon, center: np.ndarray, half_mm: float, spacing_mm: float, places: int
+) -> int:
+    """Draw on the skull: drag along rows over the region; return how many points there are.
+
+    Each place of a row is waited for, as by a hand that looks at what it draws.
+    """
+    mouse, drawn = surgeon.page.mouse, 0
+    camera_rests(surgeon)
+    middle = np.array(surgeon.pixels([tuple(center)])[0])
+    px_per_mm = surgeon.frame.evaluate(SCALE, list(center))
+    for number, y in enumerate(np.arange(-half_mm + spacing_mm / 2.0, half_mm, spacing_mm)):
+        half = np.sqrt(half_mm**2 - y**2)
+        x = np.linspace(-half, half, places) * (-1 if number % 2 else 1)
+        for index, place in enumerate(middle + px_per_mm * np.column_stack((x, 0.0 * x + y))):
+            mouse.move(*place)
+            if index == 0:
+                mouse.down()
+                continue
+            before = drawn
+
+            def follows(before: int = before) -> bool:
+                nonlocal drawn
+                drawn = points_so_far(surgeon)
+                return drawn > before
+
+            wait_for(follows, f"place {index + 1} of row {number + 1} on the skull")
+        mouse.up()
+    return drawn
+
+
+def carry_out(surgeon: Surgeon, words: str) -> None:
+    """Click a button that starts a job, and wait until that has ended well."""
+    before = len(surgeon.ask("/jobs"))
+    surgeon.button(words).click()
+    wait_for(lambda: len(surgeon.ask("/jobs")) > before, f"the job of {words}")
+    wait_for(lambda: surgeon.ask("/jobs")[-1]["finished"], f"{words} to end")
+    job = surgeon.ask("/jobs")[-1]
+    assert job["state"] == "done", job
+    surgeon.wait_idle()
+
+
+def unfold(surgeon: Surgeon, name: str) -> None:
+    """Click a folder of the docks that is closed."""
+    surgeon.frame.get_by_text(name, exact=True).filter(visible=True).first.click()
