@@ -1,6 +1,7 @@
-"""``python -m benchmarks.first_picture``: time to the first picture of the page, and its bytes.
+"""Time to the first picture of the page, and its bytes: a program of its own, not a suite.
 
-Beside an empty page of viser, in the same browser and run; needs the browser of the tests.
+``python -m benchmarks.suites.procedure.first_picture`` takes them
+beside an empty page of viser, in the same browser and run; needs the browser of the tests.
 """
 
 import statistics
