@@ -71,7 +71,8 @@ FROM_SCAN = FROM_SPEED | {
 }
 FROM_PLAN = FROM_SCAN | {"roll", "placement"}
 FROM_CLOUD = FROM_PLAN | {"surface", "path", "smoothing"}
-FROM_TOOL = FROM_CLOUD | {"tool", "sono_detection"}
+LANDMARKS = frozenset(("capture landmarks", "landmarks"))
+FROM_TOOL = FROM_CLOUD | {"tool", "sono_detection"} | LANDMARKS
 STROKES = frozenset(("capture surface", "capture path"))
 HAND = frozenset(("capture sono_scan", "sono_detection", "sono_maps"))
 HAND_TOOL = frozenset(("capture sono_pivot", "capture sono_spin", "sono")) | HAND
@@ -180,7 +181,7 @@ TABLE: dict[type, dict[str, tuple[Any, frozenset[str]]]] = {
         "gain_db": (3.0, HEARD),
         "line_temperature_c": (30.0, ECHOES),
     },
-    SetPointer: {"kind": ("pointer5d", FROM_CLOUD | STROKES | POINTER)},
+    SetPointer: {"kind": ("pointer5d", FROM_CLOUD | STROKES | POINTER | LANDMARKS)},
 }
 ROWS = [(kind, name) for kind, row in TABLE.items() for name in row]
 SETTINGS = ("Set", "Use", "Move", "Add", "Remove", "Rename")  # how such messages are called
@@ -284,7 +285,7 @@ def test_the_table_has_every_field_of_every_message_of_the_set_up():
 
 def test_before_any_change_all_is_there_and_nothing_is_stale(session):
     held = {name for name in REGISTRY.replayed if session.results.get(name) is not None}
-    assert set(REGISTRY.replayed) - held <= {"registration", "line"}
+    assert set(REGISTRY.replayed) - held <= {"registration", "line", "override"}
     assert all(session.captures.get(name) for name in REGISTRY.captures)
     assert stale_in(session) == set()
 
