@@ -6,6 +6,10 @@ from typing import Any
 class UnseenNode:
     """A node that the browser has not been sent: its attributes are those it will be sent with."""
 
+    kind: str
+    options: dict[str, Any]
+    visible: bool
+
     def __init__(self, kind: str, options: dict[str, Any]) -> None:
         self.__dict__.update(kind=kind, options=options, visible=True)
 

@@ -32,7 +32,7 @@ class Visit:
         page = context.new_page()
         page.set_default_timeout(PATIENCE_S * 1000)
         self.socket_bytes, self.http_bytes = 0, 0
-        page.on("websocket", lambda socket: socket.on("framereceived", self._count))
+        page.on("websocket", self._follow)
         network = context.new_cdp_session(page)
         network.send("Network.enable")
         network.on("Network.loadingFinished", self._load)
@@ -42,6 +42,9 @@ class Visit:
         self.seconds = time.monotonic() - begun_s
         page.wait_for_timeout(3000)  # what comes behind the first picture counts as well
         context.close()
+
+    def _follow(self, socket: Any) -> None:
+        socket.on("framereceived", self._count)
 
     def _count(self, data: str | bytes) -> None:
         self.socket_bytes += len(data)
