@@ -1,5 +1,5 @@
 "use strict";
-// What the docks of the viewer lack: hints on buttons and labels, and tabs that follow the step.
+// What the docks of the viewer lack: hints on buttons and labels, tabs that follow the step, roles.
 // The server writes both into the page as hidden elements, see rona_ui/viewer/fields.py and
 // rona_ui/panels/layout/docks.py.
 
@@ -17,9 +17,10 @@ class DockHelper {
       page.addEventListener(kind, () => this.hint(), true);
     }
     page.addEventListener("pointerdown", (event) => this.choose(event), true);
-    new page.MutationObserver(() => this.follow()).observe(
+    new page.MutationObserver(() => { this.follow(); this.part(); }).observe(
       page.document.documentElement, { childList: true, subtree: true });
     this.follow();
+    this.part();
   }
 
   // Hints as titles: the viewer shows none on its buttons, and those of fields beside the label only.
@@ -49,6 +50,16 @@ class DockHelper {
     this.tries = 0;
     clearTimeout(this.timer);
     this.open();
+  }
+
+  // A list of tabs may hold tabs alone, and the bar of a folded dock holds a button beside them.
+  part() {
+    for (const bar of this.page.document.querySelectorAll("[data-dock-bar][role=tablist]")) {
+      if (!bar.querySelector(":scope > [role=button]")) continue;
+      bar.setAttribute("role", "group");
+      bar.removeAttribute("aria-orientation");
+      bar.firstElementChild.setAttribute("role", "tablist");
+    }
   }
 
   // Until they are open: the docks may not have been drawn yet.
