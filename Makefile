@@ -36,9 +36,9 @@ SEED ?= 0
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 # many tests start a program: it would compile every module again, were byte code not kept
 COMPILED := PYTHONDONTWRITEBYTECODE=
-# four workers on two cores, since they wait for browsers and servers half of the time; those files
-# first that took longest in the last run (tests/conftest.py)
-WORKERS := -n 4 --dist loadfile --no-loadscope-reorder
+# three workers on two cores, since they wait for browsers and servers; one of them drives the browsers,
+# the others take the files first that took longest in the last run (tests/conftest.py)
+WORKERS := -n 3 --dist loadgroup --no-loadscope-reorder
 # seconds: stops a run that hangs; a quarter of an hour is usual on two cores
 TEST_LIMIT ?= 2700
 

@@ -2,13 +2,15 @@
 
 Property tests draw the same examples on every run, and a busy machine fails none of them.
 ``make test-all`` draws ``RONA_EXAMPLES`` times as many.
-Workers begin with the files that took longest in the last run, so that they end together.
+One worker drives the browsers, one after the other, on one server; the others begin with the files
+that took longest in the last run, so that all end together.
 """
 
 import gc
 import os
 from collections import Counter
 
+import pytest
 from hypothesis import settings
 
 settings.register_profile("rona", deadline=None, derandomize=True)
@@ -57,6 +59,12 @@ def pytest_collection_modifyitems(config, items):
         known = config.cache.get(SECONDS, {})
         slow = {file_of(item.nodeid) for item in items if item.get_closest_marker("slow")}
         items.sort(key=lambda item: -known.get(f := file_of(item.nodeid), 60.0 * (f in slow)))
+        items.sort(key=lambda item: item.get_closest_marker("browser") is None)
+        for item in items:
+            # one browser after the other: each draws with a processor of its own
+            alone = item.get_closest_marker("browser") is not None
+            group = "browser" if alone else file_of(item.nodeid)
+            item.add_marker(pytest.mark.xdist_group(group))
 
 
 def pytest_collection_finish():
