@@ -48,6 +48,7 @@ def pytest_configure(config):
         config.pluginmanager.register(FileTimes(config))
 
 
+@pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
 def pytest_collection_modifyitems(config, items):
     for item in items:
         test = getattr(item, "obj", None)
