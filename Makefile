@@ -38,7 +38,7 @@ ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 COMPILED := PYTHONDONTWRITEBYTECODE=
 # three workers on two cores, since they wait for browsers and servers; one of them drives the browsers,
 # the others take the files first that took longest in the last run (tests/conftest.py)
-WORKERS := -n 3 --dist loadgroup --no-loadscope-reorder
+WORKERS := -n 3 --dist loadfile --no-loadscope-reorder
 # seconds: stops a run that hangs; a quarter of an hour is usual on two cores
 TEST_LIMIT ?= 2700
 

@@ -10,7 +10,6 @@ import gc
 import os
 from collections import Counter
 
-import pytest
 from hypothesis import settings
 
 settings.register_profile("rona", deadline=None, derandomize=True)
@@ -18,6 +17,7 @@ settings.load_profile("rona")
 
 MORE_EXAMPLES = int(os.environ.get("RONA_EXAMPLES", "1"))
 SECONDS = "rona/seconds_of_files"
+BROWSERS = "tests/ui/browser/"  # each draws with a processor of its own: one after the other
 BY_HYPOTHESIS = "_hypothesis_internal_use_settings"
 
 
@@ -48,7 +48,6 @@ def pytest_configure(config):
         config.pluginmanager.register(FileTimes(config))
 
 
-@pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
 def pytest_collection_modifyitems(config, items):
     for item in items:
         test = getattr(item, "obj", None)
@@ -60,12 +59,19 @@ def pytest_collection_modifyitems(config, items):
         known = config.cache.get(SECONDS, {})
         slow = {file_of(item.nodeid) for item in items if item.get_closest_marker("slow")}
         items.sort(key=lambda item: -known.get(f := file_of(item.nodeid), 60.0 * (f in slow)))
-        items.sort(key=lambda item: item.get_closest_marker("browser") is None)
-        for item in items:
-            # one browser after the other: each draws with a processor of its own
-            alone = item.get_closest_marker("browser") is not None
-            group = "browser" if alone else file_of(item.nodeid)
-            item.add_marker(pytest.mark.xdist_group(group))
+        items.sort(key=lambda item: not item.nodeid.startswith(BROWSERS))
+
+
+def pytest_xdist_make_scheduler(config, log):
+    """Give files to the workers, and all files that drive a browser to one of them."""
+    from xdist.scheduler import LoadFileScheduling
+
+    class OneBrowser(LoadFileScheduling):
+        def _split_scope(self, nodeid):
+            file = file_of(nodeid)
+            return BROWSERS if file.startswith(BROWSERS) else file
+
+    return OneBrowser(config, log)
 
 
 def pytest_collection_finish():

@@ -61,7 +61,7 @@ FIGURES: dict[str, FigureKind] = {
     ),
     "min_clearance_mm": FigureKind("Least clearance of the robot", "roll", "mm", 1),
     "landmark_distance_mm": FigureKind(
-        "Landmarks, tracker against robot, RMS", "landmarks", "mm", 2, 2.0
+        "Landmarks against the robot, RMS", "landmarks", "mm", 2, 2.0
     ),
     "landmark_sigma_mm": FigureKind("Landmarks, expected", "landmarks", "mm", 2),
     "scan_points": FigureKind("A-scans", "capture scan"),

@@ -128,7 +128,8 @@ class Candidates:
     def _placement(self, k: int, a: int, t: int) -> Placement:
         u_mm, v_mm = self.places_mm[k].tolist()
         tilt_x_rad, tilt_y_rad = self.tilts[t].tolist()
-        return Placement(u_mm, v_mm, float(self.angles[a]), tilt_x_rad, tilt_y_rad)
+        turn_rad = float(np.remainder(self.angles[a] + np.pi, 2.0 * np.pi) - np.pi)
+        return Placement(u_mm, v_mm, turn_rad, tilt_x_rad, tilt_y_rad)
 
 
 def _rank(one: PlacementFigures) -> tuple[float, float]:

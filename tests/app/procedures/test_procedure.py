@@ -110,7 +110,9 @@ def test_every_result_follows_from_the_captures_without_the_virtual_world(demo, 
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    results = "tool pointer surface path smoothing roll landmarks mounting speed detection second".split()
+    results = (
+        "tool pointer surface path smoothing roll landmarks mounting speed detection second".split()
+    )
     results += ["second_detection", "maps"]
     assert done.stdout.split() == [f"{name}=True" for name in results]
 
