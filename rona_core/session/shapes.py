@@ -32,6 +32,8 @@ SHAPES: dict[str, dict[str, str]] = {
     "GaugeCapture": {"k": "tracks depths_mm"},
     "ImplantBed": {"u v": "probability lacks"},
     "JointTrack": {"n": "times_s", "n 6": "qs_rad"},
+    "LandmarkCapture": {"n": "names dwell_start_s dwell_end_s", "n 6": "qs_rad"},
+    "LandmarkCheck": {"n": "names seen sigmas_mm", "n 3": "robot_base pointer_base"},
     "LoadedSkull": {
         "i j k": "distance_um",
         "3": "origin_skull center_skull normal_skull",
