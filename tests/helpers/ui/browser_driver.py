@@ -84,7 +84,7 @@ NODES = """() => {
   const empty = ['/drawing', '/pointer', '/maps', '/path', '/scan', '/rolls', '/surface',
     '/edit', '/pattern', '/places', '/places/best', '/places/smallest',
     '/margins', '/obstacles', '/second', '/references', '/implant', '/bed', '/milling',
-    '/chance', '/head', '/sight', '/labels'];
+    '/chance', '/head', '/sight', '/labels', '/landmarks', '/landmarks/label'];
   return all.filter((n) => !empty.includes(n)).sort();
 }"""
 
