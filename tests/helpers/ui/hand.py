@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.helpers.ui.browser_driver import Surgeon, wait_for
+from tests.helpers.ui.browser_driver import PAUSE_S, Surgeon, wait_for
 
 MOVE_S = 0.03  # between two moves of a hand while a pivot is recorded in real time
 ARC = 0.65  # radius of a handle over the size of all handles
@@ -74,6 +74,8 @@ def pivot(surgeon: Surgeon, size_m: float) -> None:
         "() => '/pivot_handles' in window.__viserSceneTree.getState()"
         " && window.__viserMutable.nodeRefFromName['/pivot_handles']"
     )
+    time.sleep(PAUSE_S)  # the camera sets out for its view of the pointer
+    camera_rests(surgeon)
     mouse, box = surgeon.page.mouse, surgeon.page.locator("iframe#viewer").bounding_box()
     turns = np.pi / 4.0 + TILT_RAD * np.sin(np.linspace(0.0, 2.0 * np.pi, 49))
     circle = ARC * size_m * np.column_stack((np.cos(turns), np.sin(turns)))

@@ -154,10 +154,15 @@ def test_ten_steps_by_hand_with_the_mouse_alone_then_saved_and_opened_again(
     surgeon.wait_state("Tool", "done")
     surgeon.picture("tool")
     surgeon.open_step("Pointer")
-    surgeon.button("Pivot by hand").click()
-    hand.pivot(surgeon, HANDLES_MM / 1000.0)
-    surgeon.picture("pointer")
-    surgeon.button("Finish and calibrate").click()
+    for _ in range(3):  # again, if a handle slipped out of the hand
+        surgeon.button("Pivot by hand").click()
+        hand.pivot(surgeon, HANDLES_MM / 1000.0)
+        surgeon.picture("pointer")
+        surgeon.button("Finish and calibrate").click()
+        surgeon.button("Pivot by hand").wait_for()
+        surgeon.wait_idle()
+        if surgeon.states()[2] == "done":
+            break
     surgeon.wait_state("Pointer", "done")
 
     # the skull is swept and the path is shown on it by the mouse in the 3D scene
@@ -223,7 +228,7 @@ def test_ten_steps_by_hand_with_the_mouse_alone_then_saved_and_opened_again(
     assert states[:-1] == ["done"] * (len(STEPS) - 1)  # the bone may be too thin for a bed
     surgeon.menu("sessionbutton", "New session")
     wait_for(lambda: surgeon.states()[1] == "ready", "a new session")
-    assert "/maps/inner" not in surgeon.nodes()
+    wait_for(lambda: "/maps/inner" not in surgeon.nodes(), "the maps to go")
     page.locator("#logo").click()
     card = page.locator("#homefiles .card").filter(has_text="Bone")
     card.locator("img").wait_for()  # of the maps, taken when it was saved
