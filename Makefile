@@ -39,7 +39,7 @@ COMPILED := PYTHONDONTWRITEBYTECODE=
 # three workers on two cores, since they wait for browsers and servers; one of them drives the browsers,
 # the others take the files first that took longest in the last run (tests/conftest.py)
 WORKERS := -n 3 --dist loadfile --no-loadscope-reorder
-# seconds: stops a run that hangs; a quarter of an hour is usual on two cores
+# seconds: stops a run that hangs; 15 to 22 minutes are usual on two cores
 TEST_LIMIT ?= 2700
 
 help:
