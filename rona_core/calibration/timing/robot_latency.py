@@ -1,10 +1,11 @@
 """Latency of the robot's joint angles, estimated from echoes while the probe moves along its axis.
 
 Against bone that keeps still, the stand-off shrinks exactly as the face goes forward: the delay is
-the shift in time at which stand-off and place agree. A robot settles a little elsewhere now and
-then: where one step from an A-scan to the next stands out, a new piece with its own offset begins.
-A head that gives way or breathes moves the bone: an even motion is taken out of each movement, and
-what is left of a breath is in the standard deviation.
+the shift in time at which stand-off and place agree. Between two joint angles that were read the
+place is not known, where the robot accelerates: such A-scans count less. A robot settles a little
+elsewhere now and then: where one step from an A-scan to the next stands out, a new piece with its
+own offset begins. A head that gives way or breathes moves the bone: an even motion is taken out of
+each movement, and what is left of a breath is in the standard deviation.
 See docs/algorithms/navigation/pose_timing.md.
 """
 
@@ -79,32 +80,31 @@ def estimate_pose_delay(segments: Sequence[EchoSegment]) -> PoseDelay:
     standoffs = np.concatenate([part.standoff_mm for part in parts])
     pieces = np.repeat(np.arange(len(parts)), [len(part.times_s) for part in parts])
     drifts = _even_motions(parts)
-    fit = _best_fit(parts, standoffs, pieces, drifts)
+    sds = np.full(n, LEAST_DEVIATION_MM)
+    fit = _best_fit(parts, standoffs, sds, pieces, drifts)
     for _ in range(ROUNDS):
         # a break stands out among the steps between A-scans that the fit leaves over
         steps = np.diff(standoffs - fit.fitted_mm)
         within = np.diff(pieces) == 0
         deviation = mad_sigma(steps[within], floor=LEAST_DEVIATION_MM)
-        breaks = within & (np.abs(steps) > OUTLIER_MADS * deviation)
-        if not breaks.any():
-            break
+        between = np.concatenate([part.unknown_mm(fit.delay_s) for part in parts])
+        expected = np.hypot(deviation, np.hypot(between[1:], between[:-1]))
+        breaks = within & (np.abs(steps) > OUTLIER_MADS * expected)
         pieces = np.concatenate(([0], np.cumsum(breaks | ~within)))
-        fit = _best_fit(parts, standoffs, pieces, drifts)
+        sds = np.hypot(deviation / np.sqrt(2.0), between)  # a step is a difference
+        fit = _best_fit(parts, standoffs, sds, pieces, drifts)
     n_pieces = int(pieces[-1]) + 1
     freedom = n - n_pieces - drifts.shape[1] - 2
-    times = np.concatenate([part.times_s for part in parts])
+    times, off = np.concatenate([part.times_s for part in parts]), standoffs - fit.fitted_mm
     sigma_s = float(
-        np.hypot(
-            _sigma_s(fit.sensitivity, standoffs - fit.fitted_mm, freedom),
-            _breath_s(fit.sensitivity, times),
-        )
+        np.hypot(_sigma_s(fit.sensitivity, off / sds, freedom), _breath_s(fit, sds, times))
     )
     if sigma_s > WORST_SIGMA_S or abs(fit.delay_s) > MAX_DELAY_S - STEP_S:
         raise DegenerateGeometryError(
             f"the motion tells the delay of the poses only to {1e3 * sigma_s:.2g} ms: move faster, "
             "and not evenly"
         )
-    rms_mm = float(np.sqrt(((standoffs - fit.fitted_mm) ** 2).mean()))
+    rms_mm = float(np.sqrt((off**2).mean()))
     return PoseDelay(fit.delay_s, sigma_s, fit.scale, rms_mm, n, n_pieces)
 
 
@@ -120,13 +120,23 @@ class _Part:
             raise InvalidInputError("a segment needs one stand-off per A-scan, one place per pose")
         if len(times) < 4 or (np.diff(times) <= 0.0).any():
             raise InvalidInputError("a segment needs poses at 4 times or more, which must grow")
-        self._curve = CubicSpline(times, places)
-        self._range = times[0], times[-1]
+        self._curve, self._places_mm, self._times_s = CubicSpline(times, places), places, times
 
     def at(self, delay_s: float, order: int = 0) -> Floats:
         """Return places, or speeds with order 1, at the A-scans for some delay."""
-        times = np.clip(self.times_s + delay_s, *self._range)
-        return np.asarray(self._curve(times, order), dtype=np.float64)
+        return np.asarray(self._curve(self._wanted_s(delay_s), order), dtype=np.float64)
+
+    def unknown_mm(self, delay_s: float) -> Floats:
+        """Return how far the place may be off because it lies between two that were read.
+
+        A robot whose controller drives straight between its way points, and one that drives a
+        smooth curve, are as far apart there: the more, the more it accelerates.
+        """
+        straight = np.interp(self._wanted_s(delay_s), self._times_s, self._places_mm)
+        return np.abs(self.at(delay_s) - straight)
+
+    def _wanted_s(self, delay_s: float) -> Floats:
+        return np.clip(self.times_s + delay_s, self._times_s[0], self._times_s[-1])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -134,20 +144,22 @@ class _Fit:
     delay_s: float
     scale: float
     fitted_mm: Floats  # (n,) stand-offs by the fit
-    sensitivity: Floats  # (n,) of them to the delay, without what scale and offsets explain
+    sensitivity: Floats  # (n,) of them to the delay over their sigma, without what is explained
 
 
-def _best_fit(parts: Sequence[_Part], standoffs: Floats, pieces: Ints, drifts: Floats) -> _Fit:
+def _best_fit(
+    parts: Sequence[_Part], standoffs: Floats, sds: Floats, pieces: Ints, drifts: Floats
+) -> _Fit:
     offsets = np.asarray(pieces[:, None] == np.arange(pieces[-1] + 1), dtype=np.float64)
-    explained = np.linalg.qr(np.hstack((offsets, drifts)))[0]
+    explained = np.linalg.qr(np.hstack((offsets, drifts)) / sds[:, None])[0]
 
     def rest(values: Floats) -> Floats:
         return np.asarray(values - explained @ (explained.T @ values))
 
-    wanted = rest(standoffs)
+    wanted = rest(standoffs / sds)
 
     def places(delay_s: float, order: int = 0) -> Floats:
-        return rest(np.concatenate([part.at(delay_s, order) for part in parts]))
+        return rest(np.concatenate([part.at(delay_s, order) for part in parts]) / sds)
 
     def cost(delay_s: float) -> float:
         residuals = wanted - _along(places(float(delay_s)), wanted)
@@ -164,7 +176,8 @@ def _best_fit(parts: Sequence[_Part], standoffs: Floats, pieces: Ints, drifts: F
     power = float(moved @ moved)
     scale = float(moved @ wanted) / power if power > 0.0 else 0.0
     slope = scale * places(delay_s, 1)
-    return _Fit(delay_s, -scale, standoffs - wanted + fitted, slope - _along(moved, slope))
+    off = sds * (wanted - fitted)
+    return _Fit(delay_s, -scale, standoffs - off, slope - _along(moved, slope))
 
 
 def _even_motions(parts: Sequence[_Part]) -> Floats:
@@ -180,7 +193,10 @@ def _along(direction: Floats, values: Floats) -> Floats:
 
 
 def _sigma_s(sensitivity: Floats, residuals: Floats, freedom: int) -> float:
-    """Return the deviation of the delay, with residuals that hang together over a few A-scans."""
+    """Return the deviation of the delay, with residuals that hang together over a few A-scans.
+
+    Both are over the sigmas of the stand-offs; it is no less than these make it.
+    """
     information = float(sensitivity @ sensitivity)
     if information <= 0.0 or freedom < 1:
         return float("inf")
@@ -188,17 +204,18 @@ def _sigma_s(sensitivity: Floats, residuals: Floats, freedom: int) -> float:
     variance = float(score @ score)
     for lag in range(1, LAGS + 1):
         variance += 2.0 * (1.0 - lag / (LAGS + 1.0)) * float(score[lag:] @ score[:-lag])
-    uncorrelated = float(residuals @ residuals) / freedom * information  # as if they did not
+    # as if they did not hang together
+    uncorrelated = max(float(residuals @ residuals) / freedom, 1.0) * information
     return float(np.sqrt(max(variance * len(residuals) / freedom, uncorrelated)) / information)
 
 
-def _breath_s(sensitivity: Floats, times_s: Floats) -> float:
+def _breath_s(fit: _Fit, sds: Floats, times_s: Floats) -> float:
     """Return the deviation of the delay that a breath of unknown phase makes."""
-    information = float(sensitivity @ sensitivity)
+    information = float(fit.sensitivity @ fit.sensitivity)
     if information <= 0.0:
         return float("inf")
-    wave = np.exp(2.0j * np.pi * BREATH_HZ * times_s)
-    return float(BREATH_MM * np.abs(sensitivity @ wave) / information)
+    wave = np.exp(2.0j * np.pi * BREATH_HZ * times_s) / sds
+    return float(BREATH_MM * np.abs(fit.sensitivity @ wave) / information)
 
 
 def segment_places(points_base: ArrayLike, axes_base: ArrayLike, near: int) -> Floats:

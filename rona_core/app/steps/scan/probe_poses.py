@@ -7,6 +7,7 @@ import numpy as np
 from rona_core.app.dependencies.head_reference import HeadWatch, watch_head
 from rona_core.app.steps.scan.probe_mounting import known_mounting
 from rona_core.calibration.timing.robot_latency import (
+    LEAST_SCANS,
     EchoSegment,
     PoseDelay,
     estimate_pose_delay,
@@ -103,9 +104,13 @@ def _delay(capture: ScanCapture, robot: str, probe: ProbeSettings) -> PoseDelay 
     probes = model.forward(capture.joints.qs_rad) @ model.T_flange_probe
     times = capture.joints.times_s
     middle_s = _middle(capture)
+    # gel is not as fast as the line, and not as thick as is told: pressed on, one speed holds
+    counts = found.outer_ok & (found.standoff_mm < 0.0)
+    if np.count_nonzero(counts) < LEAST_SCANS:
+        counts = found.outer_ok
     segments: list[EchoSegment] = []
     for side in (scans.times_s <= middle_s, scans.times_s > middle_s):
-        ok = side & found.outer_ok
+        ok = side & counts
         if np.count_nonzero(ok) < 2:
             continue
         at: Floats = scans.times_s[ok]
