@@ -94,7 +94,11 @@ def _depth_mm(thing: Obstacle, points_base: Floats) -> float:
         along = np.clip(points[:, 2], -half, half)[:, None] * (0.0, 0.0, 1.0)
         return float((thing.shape.radius_mm - np.linalg.norm(points - along, axis=1)).max())
     if isinstance(thing.shape, Hull):
-        equations = ConvexHull(thing.shape.vertices).equations
-        return float(-(points @ equations[:, :3].T + equations[:, 3]).max(axis=1).min())
+        # the deepest is as deep below a hull as below the nearest of its planes; plane by plane, as
+        # all pairs together are a hundred megabytes
+        above = np.full(len(points), -np.inf)
+        for *normal, offset in np.unique(ConvexHull(thing.shape.vertices).equations, axis=0):
+            np.maximum(above, points @ np.array(normal) + offset, out=above)
+        return float(-above.min())
     half_sizes = 0.5 * np.array(thing.shape.size_mm)
     return float((half_sizes - np.abs(points)).min(axis=1).max())
