@@ -1,8 +1,8 @@
 # The verbs of RONA. Everything is installed into .venv; a second call finds its stamp and is instant.
 #
 #   make run          install, start the server and open its start page
-#   make test         install what the tests need, a browser too, and run them all
-#   make test-all     the same with ten times as many examples in property tests
+#   make test         install what the tests need, and run all but those of many seconds
+#   make test-all     run every test, with a browser too (EXAMPLES=10 for ten times as many of each property)
 #   make mutants      change the code in small ways and count what the tests notice (ARGS=--all)
 #   make check        style, types, import contracts, architecture
 #   make bench        figures beside those of peers (SUITE=path for one suite, JSON=1 a list, FULL=1 all seeds)
@@ -36,11 +36,12 @@ SEED ?= 0
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 # many tests start a program: it would compile every module again, were byte code not kept
 COMPILED := PYTHONDONTWRITEBYTECODE=
-# three workers on two cores, since they wait for browsers and servers; one of them drives the browsers,
+# all tests have three workers on two cores, since they wait for browsers and servers: one drives the browsers,
 # the others take the files first that took longest in the last run (tests/conftest.py)
-WORKERS := -n 3 --dist loadfile --no-loadscope-reorder
-# seconds: stops a run that hangs; 15 to 22 minutes are usual on two cores
-TEST_LIMIT ?= 2700
+IN_FILES := --dist loadfile --no-loadscope-reorder
+EXAMPLES ?= 1
+# seconds: stops a run that hangs
+TEST_LIMIT ?= 3600
 
 help:
 	@sed -n 's/^#   //p' Makefile
@@ -104,12 +105,13 @@ run: $(VENV)/.product
 demo: $(VENV)/.product
 	$(BIN)/rona demo --seed $(SEED)
 
-test: $(VENV)/.test browser
-	$(ONE_THREAD) $(COMPILED) timeout --foreground --kill-after=20 $(TEST_LIMIT) \
-	    $(BIN)/python -m pytest $(WORKERS) $(ARGS)
+PYTEST := $(ONE_THREAD) $(COMPILED) timeout --foreground --kill-after=20 $(TEST_LIMIT) $(BIN)/python -m pytest
+
+test: $(VENV)/.test
+	$(PYTEST) -n 2 $(IN_FILES) -m "not slow" $(ARGS)
 
 test-all: $(VENV)/.test browser
-	RONA_EXAMPLES=10 $(ONE_THREAD) $(COMPILED) $(BIN)/python -m pytest $(WORKERS) $(ARGS)
+	RONA_EXAMPLES=$(EXAMPLES) $(PYTEST) -n 3 $(IN_FILES) $(ARGS)
 
 viewers: .venv-viewers/.viewers
 	$(ONE_THREAD) .venv-viewers/bin/python -m pytest -q tests/core/mapping/files tests/core/devices/files/test_igs_mha.py $(ARGS)

@@ -1,7 +1,7 @@
 """How the suite runs: examples of property tests, and in which order files go to the workers.
 
 Property tests draw the same examples on every run, and a busy machine fails none of them.
-``make test-all`` draws ``RONA_EXAMPLES`` times as many.
+``RONA_EXAMPLES`` times as many are drawn where that is set.
 One worker drives the browsers, one after the other, on one server; the others begin with the files
 that took longest in the last run, so that all end together.
 """

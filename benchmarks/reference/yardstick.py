@@ -10,6 +10,9 @@ from time import process_time
 
 import numpy as np
 
+from benchmarks.metric import Metric
+
+REFERENCE_S = 0.077  # of a yardstick, on the machine for which goals are given in seconds
 SMALL_ROUNDS, MEDIUM_ROUNDS = 2000, 16  # half of the time each, about
 
 
@@ -65,3 +68,12 @@ class Yardstick:
     def median_s(self) -> float:
         """Return the time of one yardstick in this run, in seconds."""
         return statistics.median(self.times_s)
+
+
+def pair(name: str, spent_s: float, yardstick_s: float, goal_s: float | None) -> list[Metric]:
+    """Return a time in yardsticks, with its goal, and in seconds."""
+    goal = None if goal_s is None else goal_s / REFERENCE_S
+    return [
+        Metric(name, spent_s / yardstick_s, "yardsticks", "lower", goal),
+        Metric(f"{name}, absolute", spent_s, "s", "lower"),
+    ]

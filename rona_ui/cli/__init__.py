@@ -184,10 +184,15 @@ def _add_compare(verbs: Any) -> None:
     more = "Along the normal of the maps; positive where they lie outside, or have more bone."
     verb = _verb(verbs, "compare", text, more)
     verb.add_argument("file", type=Path, metavar="SESSION", help="session file (.rona)")
-    text = "mesh (STL, PLY, OBJ, mm; closed: both tables, open: the outer one) or session file"
+    text = (
+        "mesh (STL, PLY, OBJ, mm; closed: both tables, open: the outer one), mask or CT (NRRD, "
+        "NIfTI), or session file"
+    )
     verb.add_argument("reference", type=Path, metavar="REFERENCE", help=text)
     text = "lay the reference under the outer map first (default: it is in base)"
     verb.add_argument("--register", choices=("none", "surface"), default="none", help=text)
+    text = "value from which a CT is bone, about 300; a mask needs none"
+    verb.add_argument("--threshold", type=float, metavar="VALUE", help=text)
     verb.add_argument("--json", action="store_true", help="print one JSON object")
 
 

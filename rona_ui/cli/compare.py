@@ -14,9 +14,10 @@ HEADS = ("", "cells", "covered", "bias", "RMS", "spread", "95 %", "stated")
 
 def run(wanted: Any) -> int:
     """Print the figures of each map, in mm."""
-    data = read_file(wanted.reference, "a reference (mesh or session)")
+    data = read_file(wanted.reference, "a reference (mesh, CT or session)")
     session = load_session(wanted.file)
-    found = compare_maps(session, data, wanted.reference.name, wanted.register)
+    how, threshold = wanted.register, wanted.threshold
+    found = compare_maps(session, data, wanted.reference.name, how, threshold=threshold)
     fit = None if found.place is None else found.place.surface
     if wanted.json:
         rows = [asdict(row) for row in found.figures]

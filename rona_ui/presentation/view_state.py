@@ -140,6 +140,7 @@ class ViewState:
     joint: int = 0  # joint in the graph, 0 for all
     comparison: MapComparison | None = None  # with a reference that somebody chose
     pairs: Pairs = ()  # that a reference is laid by
+    bone_threshold: float = 300.0  # from which a value of a reference CT is bone
     compared_pairs: Pairs = ()  # those that the comparison had
     pair_place: Point | None = None  # in base, where somebody pointed for the next pair
     volume: VolumeView | None = None  # None: nothing is drawn of it

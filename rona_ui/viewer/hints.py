@@ -141,6 +141,7 @@ HINTS = {
     "Add the pair": "Adds both places as a pair; three or more lay the reference",
     "Pair": "Pair of the table that is to be removed",
     "Remove this pair": "Removes the chosen pair of points",
+    "Bone threshold": "From which value a reference CT is bone; a mask needs none",
     "Reference": "How the reference is laid over the maps",
     "Compare with a file…": "Compares the maps with a mesh or volume of the same bone",
     "Compare with the true bone": "Compares with the simulated bone instead of the file",

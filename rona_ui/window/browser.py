@@ -30,7 +30,7 @@ from rona_ui.presentation.camera import (
 )
 from rona_ui.presentation.shown import shown_preset
 from rona_ui.presentation.snapshot import Snapshot
-from rona_ui.presentation.view_state import Pairs, ViewState
+from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.path.path_editing import STROKES, extended, point_at
 from rona_ui.scene.pointer import handle_rotation
 from rona_ui.scene.renderer import SceneRenderer
@@ -239,9 +239,9 @@ class Browser:
             data = export_bed(self._hub.get().session, name)
             self.client.send_file_download(name, data, save_immediately=True)
         elif verb in COMPARE and isinstance(data, bytes):
-            pairs = self._view.pairs
-            found = compared_with_file(self._hub.get().session, data, name, COMPARE[verb], pairs)
-            self.change_view(lambda view: replace(view, comparison=found, compared_pairs=pairs))
+            view = self._view
+            found = compared_with_file(self._hub.get().session, data, name, COMPARE[verb], view)
+            self.change_view(lambda now: replace(now, comparison=found, compared_pairs=view.pairs))
         elif verb == "upload" and isinstance(data, bytes):
             self._hub.files.store_upload(PurePath(name).name, data)
         else:
@@ -249,18 +249,19 @@ class Browser:
 
 
 def compared_with_file(
-    session: Session, data: bytes, name: str, how: Registration, pairs: Pairs
+    session: Session, data: bytes, name: str, how: Registration, view: ViewState
 ) -> MapComparison:
     """Return the maps beside a file; pairs of points count where it is laid by them."""
+    pairs, threshold = view.pairs, view.bone_threshold
     if how not in BY_PAIRS:
-        return compare_maps(session, data, name, how)
+        return compare_maps(session, data, name, how, threshold=threshold)
     if len(pairs) < LEAST_PAIRS:
         raise InvalidInputError(
             f"a reference is laid by {LEAST_PAIRS} pairs of points or more, not {len(pairs)}: add "
             "pairs in step 9, Comparison, Pairs of points"
         )
     points = [there for there, _ in pairs], [here for _, here in pairs]
-    return compare_maps(session, data, name, how, points)
+    return compare_maps(session, data, name, how, points, threshold)
 
 
 def without_mode(view: ViewState) -> ViewState:

@@ -12,8 +12,9 @@ import numpy as np
 from scipy import ndimage, optimize, sparse
 
 from rona_core.devices.display import Mesh
+from rona_core.geometry.surface_nets import surface_nets
 from rona_core.surface.raycast import MeshRaycaster
-from rona_core.virtual.specimen.imported.display_mesh import _visible, surface_nets
+from rona_core.virtual.specimen.imported.display_mesh import _visible
 from rona_core.virtual.specimen.simulated.drawn_head import (
     NOMINAL_MM,
     SEAM_Y_MM,
@@ -49,7 +50,7 @@ def cleaned(mask: np.ndarray) -> np.ndarray:
 def surface(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return what can be seen of the bone, smooth, its origin between the ear canals."""
     soft = ndimage.gaussian_filter(mask.astype(np.float32), 1.8)
-    vertices, faces = surface_nets(0.5 - soft[::CELL_VOXELS, ::CELL_VOXELS, ::CELL_VOXELS])
+    vertices, faces = surface_nets(soft[::CELL_VOXELS, ::CELL_VOXELS, ::CELL_VOXELS] - 0.5)
     vertices, faces = _visible(vertices * CELL_VOXELS * VOXEL_MM - PAD * VOXEL_MM, faces)
     vertices, faces = largest(vertices, faces)
     mean = means(len(vertices), faces)

@@ -14,7 +14,7 @@ from typing import Any
 
 from benchmarks.cases.growth import growths, tracker_frames
 from benchmarks.metric import Metric, Progress, cpu_ms
-from benchmarks.reference.yardstick import Yardstick
+from benchmarks.reference.yardstick import REFERENCE_S, Yardstick, pair
 from benchmarks.timed_procedure import (
     CAPTURES,
     NOMINAL_SETUP,
@@ -36,9 +36,8 @@ SEEDS = range(10)
 # Commit 9d90310, the last one before the virtual world was put into batches: CPU time of
 # `run_demo(seed)` over the median of yardsticks laid between its steps, median of the seeds 0 to 9
 # (23.7 s; the shortest 21.0, the longest 38.4), one process a seed, in turn with a later program.
-# A yardstick took REFERENCE_S there.
+# A yardstick took `REFERENCE_S` there.
 BEFORE_YARDSTICKS = 304.5
-REFERENCE_S = 0.077
 FASTER = 5.0
 CAPTURE_S, FRAME_S, LOOP_STEP_S, SCANS_PER_S = 1.5, 60e-6, 0.4e-3, 1300.0
 FRAMES = 4096
@@ -84,20 +83,11 @@ def run(progress: Progress) -> list[Metric]:
     step_s = (loop.cpu_s - fired.cpu_s) / loop_steps
     yardstick_s = statistics.median(timed.yardstick_s for timed in done)
     metrics = [*_whole(done), *_captures(done), *share_metrics(done[0])]
-    metrics += _pair("step of the contact loop, without A-scans", step_s, yardstick_s, LOOP_STEP_S)
+    metrics += pair("step of the contact loop, without A-scans", step_s, yardstick_s, LOOP_STEP_S)
     progress("frames and A-scans")
     metrics += [*_frame(), *_detection(done[0].session)]
     progress("growth")
     return metrics + growths(done[0].session)
-
-
-def _pair(name: str, spent_s: float, yardstick_s: float, goal_s: float | None) -> list[Metric]:
-    """Return a time in yardsticks, with its goal, and in seconds."""
-    goal = None if goal_s is None else goal_s / REFERENCE_S
-    return [
-        Metric(name, spent_s / yardstick_s, "yardsticks", "lower", goal),
-        Metric(f"{name}, absolute", spent_s, "s", "lower"),
-    ]
 
 
 def _whole(done: Sequence[TimedProcedure]) -> list[Metric]:
@@ -122,7 +112,7 @@ def _captures(done: Sequence[TimedProcedure]) -> list[Metric]:
         if times:
             ratio = statistics.median(spent_s / unit_s for spent_s, unit_s in times)
             unit_s = statistics.median(unit_s for _, unit_s in times)
-            metrics += _pair(f"capture, {part}", ratio * unit_s, unit_s, CAPTURE_S)
+            metrics += pair(f"capture, {part}", ratio * unit_s, unit_s, CAPTURE_S)
     return metrics
 
 
@@ -136,7 +126,7 @@ def _frame() -> list[Metric]:
     rig, yardstick = build_virtual_rig(NOMINAL_SETUP), Yardstick()
     frame_s = 1e-3 * cpu_ms(lambda: tracker_frames(rig, FRAMES)) / FRAMES
     yardstick.lay()
-    return _pair("frame of five tools in batch", frame_s, yardstick.median_s, FRAME_S)
+    return pair("frame of five tools in batch", frame_s, yardstick.median_s, FRAME_S)
 
 
 def _detection(session: Session) -> list[Metric]:

@@ -4,7 +4,7 @@ A registration by surface takes away what the whole map is off by as a rigid bod
 shape alone, and a common shift of the map can no longer be seen.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -31,7 +31,7 @@ MOST_TRIANGLES = 2_000_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReferenceBone:
-    """Surfaces of one bone; a closed mesh holds both tables, and is given twice."""
+    """Surfaces of one bone; a mesh that holds both tables, facing outwards, is given twice."""
 
     outer: Mesh
     inner: Mesh | None  # None where only the outer table is known
@@ -84,29 +84,32 @@ def place_reference(
         InvalidInputError: no points where they are needed, or not as many in both frames.
         DegenerateGeometryError: points on one line, or surfaces that do not lie on each other.
     """
-    start, rms_mm, off_mm = Pose.identity(), None, None
-    if how in ("points", "both"):
-        if pairs is None:
-            raise InvalidInputError(
-                f"a registration by {how} needs points in both frames: got none"
-            )
-        fit = register_points(*pairs)
-        start, rms_mm, off_mm = fit.T_b_a, fit.rms_mm, fit.residuals_mm
+    first = place_by_points(how, pairs)
     if how in ("none", "points"):
-        return ReferencePlace(start, rms_mm, off_mm)
-    found = _register_outer(bone.outer, maps, start)
-    return ReferencePlace(found.T_b_a.inv(), rms_mm, off_mm, found)
+        return first
+    found = _register_outer(bone, maps, first.T_base_mesh)
+    return replace(first, T_base_mesh=found.T_b_a.inv(), surface=found)
 
 
-def _register_outer(mesh: Mesh, maps: Maps, start: Pose) -> SurfaceRegistration:
-    """Register the outer map to the outer table of a mesh; ``T_b_a`` is of base in its frame."""
+def place_by_points(how: Registration, pairs: tuple[ArrayLike, ArrayLike] | None) -> ReferencePlace:
+    """Return where a reference lies before surfaces are laid on each other; see above."""
+    if how in ("none", "surface"):
+        return ReferencePlace(Pose.identity())
+    if pairs is None:
+        raise InvalidInputError(f"a registration by {how} needs points in both frames: got none")
+    fit = register_points(*pairs)
+    return ReferencePlace(fit.T_b_a, fit.rms_mm, fit.residuals_mm)
+
+
+def _register_outer(bone: ReferenceBone, maps: Maps, start: Pose) -> SurfaceRegistration:
+    """Register the outer map to the outer table of a bone; ``T_b_a`` is of base in its frame."""
     cells = maps.outer.points_base()
     points = cells[:: max(1, len(cells) // MOST_POINTS)]
     T_mesh_base = start.inv()
-    centres, normals = _centres(mesh, T_mesh_base @ points)
+    centres, normals = _centres(bone.outer, T_mesh_base @ points)
     out = T_mesh_base.rotate(maps.outer.T_base_map.rotation[:, 2][None])[0]
     facing = normals @ out
-    if not bone_of_mesh(mesh).inner:  # an open sheet may be wound either way
+    if bone.inner is not bone.outer:  # an open sheet may be wound either way
         normals, facing = normals * np.sign(facing)[:, None], np.abs(facing)
     outward = facing > OUTWARD
     if not outward.any():

@@ -1,21 +1,16 @@
-"""Iso-surface of an echo volume by surface nets (Gibson 1998, see docs/references.md).
-
-One vertex for each cube of eight voxels that the surface passes, at the mean of its crossings with
-the edges; one quadrangle for each edge of the grid that it crosses.
-"""
+"""Iso-surface of an echo volume, by surface nets."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rona_core.errors import InvalidInputError
-from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
+from rona_core.geometry.arrays import Floats, Ints, readonly
+from rona_core.geometry.surface_nets import surface_nets
 from rona_core.mapping.volume.echo_volume import SILENCE, EchoVolume
 
 ABOVE_NOISE_DB = 6.0  # a surface in what is fainter is one of noise
 LEVELS_DB = (-80.0, 0.0)
-CORNERS = tuple(np.ndindex(2, 2, 2))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,54 +51,3 @@ def iso_surface(volume: EchoVolume, level_db: float, gain_db_per_mm: float = 0.0
     i, j = (np.rint(places[:, k]).astype(np.int64) for k in (0, 1))
     depths = volume.outer.height_mm[i, j] - points_map[:, 2]
     return IsoSurface(readonly(volume.T_base_map @ points_map), faces, readonly(depths))
-
-
-def surface_nets(values: Floats, known: Bools) -> tuple[Floats, Ints]:
-    """Return the surface where values (a, b, c) change their sign: points (n, 3) and faces (m, 3).
-
-    Points are in steps of the grid. Cubes with a corner that is not known have no point.
-    """
-    inside = values > 0.0
-    shape = tuple(n - 1 for n in values.shape)
-    corners = [tuple(slice(k, k + n) for k, n in zip(c, shape, strict=True)) for c in CORNERS]
-    whole = np.logical_and.reduce([known[corner] for corner in corners])
-    count = sum(inside[corner].astype(np.int64) for corner in corners)
-    cubes = whole & (count > 0) & (count < len(CORNERS))
-    number = np.full(shape, -1, dtype=np.int64)
-    number[cubes] = np.arange(np.count_nonzero(cubes))
-    points = np.argwhere(cubes) + _mean_crossings(values, cubes)
-    return points, np.concatenate([_faces(inside, number, axis) for axis in range(3)])
-
-
-def _mean_crossings(values: Floats, cubes: Bools) -> Floats:
-    """Return the mean (n, 3), 0 to 1, of where in its cube the twelve edges are crossed."""
-    at = np.argwhere(cubes)
-    total, number = np.zeros((len(at), 3)), np.zeros((len(at), 1))
-    for axis in range(3):
-        step = np.eye(3, dtype=np.int64)[axis]
-        for corner in (np.array(c) for c in CORNERS if c[axis] == 0):
-            first, last = (values[tuple((at + corner + k * step).T)] for k in (0, 1))
-            crossed = (first > 0.0) != (last > 0.0)
-            fall = np.where(crossed, first - last, 1.0)
-            place = corner + (first / fall)[:, None] * step
-            total += np.where(crossed[:, None], place, 0.0)
-            number += crossed[:, None]
-    return total / number
-
-
-def _faces(inside: Bools, number: Ints, axis: int) -> NDArray[np.int64]:
-    """Return two triangles (m, 3) for each edge along an axis that is crossed amid four cubes."""
-    turned = np.moveaxis(inside, axis, 0)  # the edge, then two axes that follow it cyclically
-    cube = np.moveaxis(number, axis, 0)
-    if axis == 1:  # (b, a, c): so that the three axes stay right-handed
-        turned, cube = turned.transpose(0, 2, 1), cube.transpose(0, 2, 1)
-    first, last = turned[:-1, 1:-1, 1:-1], turned[1:, 1:-1, 1:-1]
-    a, b = cube[:, :-1, :-1], cube[:, 1:, :-1]
-    c, d = cube[:, 1:, 1:], cube[:, :-1, 1:]
-    whole = (a >= 0) & (b >= 0) & (c >= 0) & (d >= 0)
-    found: list[Ints] = []
-    for leaves, order in ((True, (a, b, c, d)), (False, (d, c, b, a))):
-        crossed = whole & (first != last) & (first == leaves)
-        p, q, r, s = (corner[crossed] for corner in order)
-        found += [np.column_stack((p, q, r)), np.column_stack((p, r, s))]
-    return np.concatenate(found)

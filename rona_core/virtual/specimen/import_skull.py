@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rona_core.devices.files.triangle_file import MESH_SUFFIXES
+from rona_core.devices.files.voxels.voxel_reader import VOLUME_SUFFIXES
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.geometry.arrays import Vector3, as_vector3, readonly
@@ -41,7 +42,6 @@ from rona_core.virtual.specimen.imported.region_choice import (
     coarse_bone,
 )
 from rona_core.virtual.specimen.imported.volume_reader import (
-    VOLUME_SUFFIXES,
     BoneVolume,
     read_volume,
     without,

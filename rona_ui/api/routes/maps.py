@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from fastapi import APIRouter, Path, Query, Request, Response
+from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 
 from rona_core.app.runtime.saving.session_files import MAX_UPLOAD_BYTES
@@ -103,6 +103,27 @@ def get_comparison_with_truth(bench: Bench) -> ComparisonInfo:
 Points = Annotated[str, Query(description="`x,y,z` in mm, points apart by `;`", max_length=10_000)]
 
 
+@dataclass(frozen=True, slots=True)
+class ReferenceOptions:
+    """How a reference is read and where it is laid."""
+
+    how: Registration
+    pairs: tuple[list[list[float]], list[list[float]]] | None
+    threshold: float | None
+
+
+def reference_options(
+    register: Registration = "none",
+    points_reference: Points = "",
+    points_base: Points = "",
+    threshold: float | None = None,
+) -> ReferenceOptions:
+    """Return the options of a request."""
+    named = bool(points_reference or points_base)
+    pairs = (_points(points_reference), _points(points_base)) if named else None
+    return ReferenceOptions(register, pairs, threshold)
+
+
 @router.post(
     "/sessions/{session_id}/maps/comparison",
     openapi_extra=RAW_BODY,
@@ -113,21 +134,25 @@ async def compare_with_reference(
     bench: Bench,
     request: Request,
     name: FileName,
-    register: Registration = "none",
-    points_reference: Points = "",
-    points_base: Points = "",
+    options: Annotated[ReferenceOptions, Depends(reference_options)],
 ) -> ComparisonInfo:
     """Compare the robot's maps with the reference that is the body; nothing of it is kept.
 
-    A mesh (STL, PLY, OBJ, mm; closed: both tables, open: the outer one) or a session file. With
+    A mesh (STL, PLY, OBJ, mm; closed: both tables, open: the outer one), a mask or a CT (NRRD,
+    NIfTI; of a CT what has `threshold` or more is bone), or a session file. With
     `register` `points` or `both`, `points_reference` and `points_base` name three points or more.
     """
-    pairs = None
-    if points_reference or points_base:
-        pairs = (_points(points_reference), _points(points_base))
     async with spooled(request, hub.files.uploads) as body:
         data = await run_in_threadpool(body.read_bytes)
-    found = await run_in_threadpool(compare_maps, bench.session, data, name, register, pairs)
+    found = await run_in_threadpool(
+        compare_maps,
+        bench.session,
+        data,
+        name,
+        options.how,
+        options.pairs,
+        options.threshold,
+    )
     return _info(found)
 
 

@@ -10,13 +10,13 @@ from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
 from rona_ui.presentation.shown import shown_comparison
 from rona_ui.presentation.snapshot import Snapshot, changed
-from rona_ui.presentation.view_state import Pairs, Point
+from rona_ui.presentation.view_state import Pairs, Point, ViewState
 
-FILES = ".stl,.ply,.obj,.rona"
+FILES = ".stl,.ply,.obj,.nrrd,.nii,.gz,.rona"
 EXPLANATION = (
     "Errors along the normal of the maps, in mm; + is too far out, or too thick; σ is what the "
     "maps state. A reference is a mesh (STL, PLY, OBJ; closed: both tables, open: the outer "
-    "one) or another session."
+    "one), a CT or a mask (NRRD, NIfTI), or another session."
 )
 LAYINGS = {
     "Is in the robot's base": "none",
@@ -47,6 +47,9 @@ class ComparisonFolder:
             gui.add_html(style.text(EXPLANATION))
             self._laying = gui.add_dropdown("Reference", tuple(LAYINGS))
             self._pairs = PairsFolder(gui, context)
+            self._threshold = gui.add_number(
+                "Bone threshold", ViewState().bone_threshold, step=10.0
+            )
             self._file = gui.add_upload_button(
                 "Compare with a file…", icon="upload", mime_type=FILES, color="gray"
             )
@@ -55,6 +58,10 @@ class ComparisonFolder:
         self._file.on_upload(self._take)
         on_click(self._back, lambda e: context.set_view(comparison=None))
         on_change(self._laying, lambda e: self._show_pairs())
+        on_change(
+            self._threshold,
+            lambda e: context.set_view(bone_threshold=float(self._threshold.value)),
+        )
 
     def _show_pairs(self) -> None:
         self._pairs.show(LAYINGS[self._laying.value] in BY_PAIRS)

@@ -137,10 +137,11 @@ def test_the_page_lays_a_file_by_its_pairs_and_asks_for_three(bench):
     demo = bench.session
     data = export_maps(demo, "outer.ply")
     pairs = tuple((p, (p[0] + 1.5, p[1], p[2])) for p in ((0.0, 0.0, 0.0), (9.0, 0.0, 0.0)))
+    two, lay = ViewState(pairs=pairs), COMPARE["compare-points"]
     with pytest.raises(InvalidInputError, match="3 pairs of points or more, not 2"):
-        compared_with_file(demo, data, "outer.ply", COMPARE["compare-points"], pairs)
-    assert compared_with_file(demo, data, "outer.ply", "none", pairs).place.points_off_mm is None
+        compared_with_file(demo, data, "outer.ply", lay, two)
+    assert compared_with_file(demo, data, "outer.ply", "none", two).place.points_off_mm is None
     whole = (*pairs, ((0.0, 9.0, 0.0), (1.5, 9.0, 0.0)))
-    laid = compared_with_file(demo, data, "outer.ply", COMPARE["compare-points"], whole)
+    laid = compared_with_file(demo, data, "outer.ply", lay, ViewState(pairs=whole))
     np.testing.assert_allclose(laid.place.T_base_mesh.translation, (1.5, 0.0, 0.0), atol=1e-9)
     np.testing.assert_allclose(laid.place.points_off_mm, 0.0, atol=1e-9)

@@ -1,4 +1,4 @@
-"""Comparison of the robot's maps with a reference: a mesh, or the maps of another session.
+"""Comparison of the robot's maps with a reference: a mesh, a CT, or the maps of another session.
 
 It is a question about a session, and nothing of it is stored.
 """
@@ -14,6 +14,7 @@ from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.maps.accuracy.map_accuracy import map_accuracy
 from rona_core.devices.display import Mesh
 from rona_core.devices.files.triangle_file import MESH_SUFFIXES, read_triangles
+from rona_core.devices.files.voxels.voxel_reader import VOLUME_SUFFIXES
 from rona_core.errors import InvalidInputError, StaleResultError
 from rona_core.geometry.arrays import Floats
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
@@ -30,8 +31,10 @@ from rona_core.mapping.comparison.reference_bone import (
     Registration,
     bone_of_mesh,
     check_extent,
+    place_by_points,
     place_reference,
 )
+from rona_core.mapping.comparison.reference_volume import bone_of_volume
 from rona_core.mapping.files.map_mesh import cell_triangles
 from rona_core.session.document import Session
 from rona_core.session.files import session_from_bytes
@@ -57,25 +60,32 @@ def compare_maps(
     name: str,
     how: Registration = "none",
     pairs: tuple[ArrayLike, ArrayLike] | None = None,
+    threshold: float | None = None,
 ) -> MapComparison:
     """Return the robot's maps beside a reference file.
 
     Args:
         session: With its maps.
         data: Contents of the file: STL, PLY or OBJ in mm (a closed mesh holds both tables of the
-            bone, an open one the outer table), or another session.
+            bone, an open one the outer table), a CT or a mask (NRRD, NIfTI), or another session.
         name: Of the file; its ending says what it is.
         how: The reference comes to ``base``, see ``place_reference``.
         pairs: Named points (n, 3) in the frame of the file and in ``base``.
+        threshold: From which a value of a CT is bone.
 
     Raises:
-        InvalidInputError: the file is damaged, foreign, empty or in another unit.
+        InvalidInputError: the file is damaged, foreign, empty or in another unit, or grey values
+            without a threshold.
         StepBlockedError: nothing was mapped, here or there.
         StaleResultError: the maps of either are out of date.
         DegenerateGeometryError: the surfaces do not lie on each other.
     """
     maps = _maps(session, "this session")
-    bone = _read_bone(data, name)
+    if name.lower().endswith(VOLUME_SUFFIXES):
+        T_mesh_base = place_by_points(how, pairs).T_base_mesh.inv()
+        bone = bone_of_volume(data, name, T_mesh_base @ maps.outer.points_base(), threshold)
+    else:
+        bone = _read_bone(data, name)
     place = place_reference(bone, maps, how, pairs)
     errors = compare_with_bone(maps, bone.moved(place.T_base_mesh))
     return MapComparison(name, maps, errors, figures_of(maps, errors, _stated_mm(session)), place)
@@ -101,7 +111,7 @@ def _read_bone(data: bytes, name: str) -> ReferenceBone:
         outer = _mesh(maps.outer, name)
         return ReferenceBone(outer, _mesh(maps.inner, name) if maps.inner.ok.any() else None)
     if suffix not in MESH_SUFFIXES:
-        known = ", ".join((*MESH_SUFFIXES, SESSION_SUFFIX))
+        known = ", ".join((*MESH_SUFFIXES, *VOLUME_SUFFIXES, SESSION_SUFFIX))
         raise InvalidInputError(f"{name} is no reference: expected one of {known}")
     mesh = read_triangles(data, name)
     check_extent(mesh, name)

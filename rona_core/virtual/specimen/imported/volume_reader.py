@@ -5,13 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
+from rona_core.devices.files.voxels.voxel_layers import Voxels
+from rona_core.devices.files.voxels.voxel_reader import grey_values, open_voxels
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints
-from rona_core.virtual.specimen.imported.voxel_reader import Voxels, open_voxels
 
-VOLUME_SUFFIXES = (".nrrd", ".nii", ".nii.gz")
-VOXELS_MM = (0.1, 3.0)  # edges of a voxel
-SKEW = 1e-3  # largest cosine between grid axes
 LEAST_BONE_MM3 = 5000.0
 MOST_BONE_SHARE = 0.7  # of all voxels
 
@@ -40,19 +38,15 @@ def read_volume(path: Path, threshold: float | None) -> BoneVolume:
     Raises:
         InvalidInputError: damaged, foreign, empty, or grey values without a threshold.
     """
-    with open_voxels(path) as voxels:
-        affine = voxels.T_skull_voxel
-        _check_grid(path.name, affine)
+    with open_voxels(path, path.name) as voxels:
+        affine = voxels.T_mesh_voxel
         mask, low, high, binary = _told_apart(voxels, threshold, path.name)
     if low == high:
         raise InvalidInputError(
             f"{path.name} holds only the value {low:g}: expected bone and air in one volume"
         )
     if threshold is None and not binary:
-        raise InvalidInputError(
-            f"{path.name} holds grey values from {low:g} to {high:g}, so it is no mask: give the "
-            f"threshold from which a value is bone (for a CT about 300, for labels 0.5)"
-        )
+        raise grey_values(path.name, low, high)
     count = int(np.count_nonzero(mask))
     share, bone_mm3 = count / mask.size, count * abs(float(np.linalg.det(affine[:3, :3])))
     if bone_mm3 < LEAST_BONE_MM3 or share > MOST_BONE_SHARE:
@@ -126,18 +120,3 @@ def pooled(mask: Bools, blocks: Ints) -> Bools:
         starts = np.arange(0, mask.shape[axis], int(step))
         mask = np.logical_or.reduceat(mask, starts, axis=axis)
     return mask
-
-
-def _check_grid(name: str, affine: Floats) -> None:
-    if not np.isfinite(affine).all():
-        raise InvalidInputError(f"{name} has a grid that is not finite: export it again")
-    edges = np.linalg.norm(affine[:3, :3], axis=0)
-    low, high = VOXELS_MM
-    if edges.min() < low or edges.max() > high:
-        raise InvalidInputError(
-            f"{name} has voxels of {edges.round(4).tolist()}: expected {low:g} to {high:g} mm; "
-            f"check the unit"
-        )
-    unit = affine[:3, :3] / edges
-    if np.abs(unit.T @ unit - np.eye(3)).max() > SKEW:
-        raise InvalidInputError(f"{name} has a skewed grid: resample it to right angles")

@@ -15,7 +15,6 @@ from rona_core.session.specimen import SimulatedSkull
 from rona_core.virtual.specimen.build_specimen import build_specimen
 from rona_core.virtual.specimen.import_skull import import_skull
 from rona_core.virtual.specimen.imported import distance_grid as distance
-from rona_core.virtual.specimen.imported.display_mesh import surface_nets
 from rona_core.virtual.specimen.imported.distance_grid import grid_about
 from rona_core.virtual.specimen.imported.imported_skull import LoadedSpecimen
 from rona_core.virtual.specimen.imported.volume_reader import BoneVolume
@@ -191,15 +190,6 @@ def test_the_stored_mesh_is_small_and_lies_on_the_head(folder):
     assert np.abs(radius - OUTER_MM).max() < 1.0  # the inside is left out
     assert skull.distance_um.nbytes < 4_000_000
     assert not skull.distance_um.flags.writeable
-
-
-def test_surface_nets_close_around_a_ball_and_face_outward():
-    side = np.arange(-12.0, 13.0)
-    x, y, z = np.meshgrid(side, side, side, indexing="ij")
-    vertices, faces = surface_nets(np.sqrt(x**2 + y**2 + z**2) - 9.0)
-    solid = trimesh.Trimesh(vertices, faces, process=False)
-    assert solid.is_watertight
-    assert solid.volume == pytest.approx(4.0 / 3.0 * np.pi * 9.0**3, rel=0.04)
 
 
 def test_progress_grows_to_one_and_cancel_stops(folder):

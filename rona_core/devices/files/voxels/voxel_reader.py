@@ -1,0 +1,73 @@
+"""Reader of NRRD and NIfTI voxels in slabs, so that no volume lies in memory whole.
+
+The voxels are read from the file itself: a header that points to another file is refused.
+"""
+
+import io
+import re
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from rona_core.devices.files.size_limits import open_file
+from rona_core.devices.files.voxels.nifti_voxels import begin_nifti
+from rona_core.devices.files.voxels.nrrd_voxels import begin_nrrd
+from rona_core.devices.files.voxels.voxel_layers import UNREAD, Voxels, kind_of
+from rona_core.errors import InvalidInputError, RonaError
+from rona_core.geometry.arrays import Floats
+
+VOLUME_SUFFIXES = (".nrrd", ".nii", ".nii.gz")
+VOXELS_MM = (0.1, 3.0)  # edges of a voxel
+SKEW = 1e-3  # largest cosine between grid axes
+
+
+@contextmanager
+def open_voxels(source: Path | bytes, name: str) -> Generator[Voxels]:
+    """Open a volume; errors in its data come while its layers are read.
+
+    Args:
+        source: A .nrrd, .nii or .nii.gz file, or its contents.
+        name: Of the file; its ending says what it is.
+
+    Raises:
+        InvalidInputError: no plain file, damaged, foreign, too large, with data elsewhere, or on a
+            grid that is skewed or not in millimetres.
+    """
+    kind = kind_of(name)
+    begin = begin_nrrd if kind == "NRRD" else begin_nifti
+    whole = isinstance(source, bytes)
+    try:
+        with io.BytesIO(source) if whole else open_file(source, f"a {kind} file") as file:
+            voxels = begin(file, name)
+            _check_grid(name, voxels.T_mesh_voxel)
+            yield voxels
+    except RonaError:
+        raise
+    except Exception as error:  # the libraries throw whatever they like at damaged files
+        words = re.sub(r"\s+", " ", str(error))[:160] or type(error).__name__
+        raise InvalidInputError(f"{name} {UNREAD}{kind} ({words}): export it again") from error
+
+
+def _check_grid(name: str, affine: Floats) -> None:
+    if not np.isfinite(affine).all():
+        raise InvalidInputError(f"{name} has a grid that is not finite: export it again")
+    edges = np.linalg.norm(affine[:3, :3], axis=0)
+    low, high = VOXELS_MM
+    if edges.min() < low or edges.max() > high:
+        raise InvalidInputError(
+            f"{name} has voxels of {edges.round(4).tolist()}: expected {low:g} to {high:g} mm; "
+            f"check the unit"
+        )
+    unit = affine[:3, :3] / edges
+    if np.abs(unit.T @ unit - np.eye(3)).max() > SKEW:
+        raise InvalidInputError(f"{name} has a skewed grid: resample it to right angles")
+
+
+def grey_values(name: str, low: float, high: float) -> InvalidInputError:
+    """Return the refusal of a volume of grey values, without a threshold."""
+    return InvalidInputError(
+        f"{name} holds grey values from {low:g} to {high:g}, so it is no mask: give the "
+        f"threshold from which a value is bone (for a CT about 300, for labels 0.5)"
+    )
