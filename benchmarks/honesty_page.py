@@ -15,11 +15,13 @@ from benchmarks.suites.honesty.judged import (
     BAND_GOAL,
     RANK_GOAL,
     RATIO_GOAL,
+    REACHED,
     Honesty,
     Judged,
     Statistic,
     grouped,
     honesty,
+    rank_goal,
 )
 from examples.picture import Series, chart
 
@@ -38,9 +40,10 @@ equally often (`benchmarks/suites/honesty/design.py`). Nothing was tuned on thes
 *Ratio*: mean of (error / predicted sigma)², honest is 1, goal {RATIO_GOAL[0]:g} to
 {RATIO_GOAL[1]:g}. *Band*: share of errors within 1.96 sigma, honest is 0.95, goal
 {BAND_GOAL[0]:g} to {BAND_GOAL[1]:g}.
-*Rank*: correlation of sigma and size of the error among the places of a session, goal
-{RANK_GOAL:g}, for a sigma that claims to tell good places from bad ones. *Drawn*: what it is for
-errors that are drawn with these sigmas: the most that honest sigmas of this spread can reach.
+*Rank*: correlation of sigma and size of the error among the places of a session, for a sigma that
+claims to tell good places from bad ones. *Drawn*: what it is for errors that are drawn with these
+sigmas: the most that honest sigmas of this spread can reach. The goal of *rank* is {RANK_GOAL:g},
+or {REACHED:g} of *drawn* where that is less.
 
 Every seed counts the same, whatever its number of samples; in brackets the 95 % interval, by
 drawing seeds with replacement. What misses its goal is bold. A *common* part is one error for a
@@ -69,7 +72,7 @@ def page(found: Mapping[str, suite.CaseSamples]) -> str:
 
 def as_row(found: Honesty) -> str:
     """Return one quantity as a row of the table; what misses its goal is bold."""
-    rank = "" if found.rank is None else as_cell(found.rank, (RANK_GOAL, 1.0))
+    rank = "" if found.rank is None else as_cell(found.rank, (rank_goal(found), 1.0))
     drawn = "" if found.drawn_rank is None else f"{found.drawn_rank:.2f}"
     return row(
         found.quantity,

@@ -46,7 +46,7 @@ def test_installed_they_lie_in_the_package_and_sessions_with_the_user(
 
 
 def test_the_page_knows_every_step_by_the_title_that_the_list_has():
-    script = (ROOT / "static" / "page" / "recover.js").read_text("utf-8")
+    script = (ROOT / "static" / "page" / "sessions" / "recover.js").read_text("utf-8")
     block = re.search(r"const STEP_WORDS = \{(.*?)\};", script, re.DOTALL)[1]
     words = dict(re.findall(r'(\w+): "([^"]+)"', block))
     assert words == {name: line.title for name, line in REGISTRY.lines.items()}

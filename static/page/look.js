@@ -1,7 +1,7 @@
 // Look of the page: light or dark, and a cover until the first picture is there.
 
 import { $, follow } from "./base.js";
-import { register } from "./commands.js";
+import { register } from "./commands/commands.js";
 import { act, inside, link, viewer } from "./link.js";
 
 // ---------------------------------------------------------------- light and dark

@@ -1,17 +1,17 @@
 // The page: tool bar, start page, keys; the viewer is in its frame.
 
 import "./stop.js";
-import "./menus.js";
+import "./commands/menus.js";
 import "./status.js";
-import "./sessions.js";
-import "./palette.js";
-import "./help.js";
+import "./sessions/sessions.js";
+import "./commands/palette.js";
+import "./commands/help.js";
 import "./look.js";
-import "./home.js";
-import "./guide.js";
-import "./recover.js";
-import "./tools.js";
-import "./keys.js";
+import "./sessions/home.js";
+import "./sessions/guide.js";
+import "./sessions/recover.js";
+import "./commands/tools.js";
+import "./commands/keys.js";
 import "./access.js";
 import { begin } from "./link.js";
 import { watch } from "./status.js";

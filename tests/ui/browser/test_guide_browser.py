@@ -9,7 +9,7 @@ import pytest
 from rona_core.app.procedure import IMPLANT, PROCEDURE
 from tests.helpers.ui.browser_driver import Surgeon, wait_for
 
-GUIDE = Path(__file__).parents[3] / "static" / "page" / "guide.js"
+GUIDE = Path(__file__).parents[3] / "static" / "page" / "sessions" / "guide.js"
 READ_S = 3.5  # that a caption stands before its message is sent
 
 

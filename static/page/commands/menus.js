@@ -1,8 +1,8 @@
 // Menus of the tool bar: a button that opens a list below it; Tab and arrows walk through it.
 
-import { element } from "./base.js";
-import { listen } from "./link.js";
-import { onEscape } from "./stop.js";
+import { element } from "../base.js";
+import { listen } from "../link.js";
+import { onEscape } from "../stop.js";
 
 let open = null;
 

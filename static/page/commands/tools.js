@@ -1,9 +1,9 @@
 // The tool bar: its buttons, and the menus of camera, cut and layers.
 
-import { $, element, follow, program } from "./base.js";
+import { $, element, follow, program } from "../base.js";
 import { enabled, find, label, run } from "./commands.js";
 import { icon } from "./icons.js";
-import { act, link } from "./link.js";
+import { act, link } from "../link.js";
 import { Menu, entry, heading, line, tick } from "./menus.js";
 
 const PLAIN = ["undo", "redo", "save", "report", "screenshot", "palette", "theme", "help"];

@@ -1,8 +1,8 @@
 // Unsaved work of an earlier run: listed, recovered, discarded.
 
-import { $, ask, button, element, follow, megabytes, say, send, when } from "./base.js";
-import { showSession } from "./views.js";
-import { onEscape } from "./stop.js";
+import { $, ask, button, element, follow, megabytes, say, send, when } from "../base.js";
+import { showSession } from "../views.js";
+import { onEscape } from "../stop.js";
 
 const STEP_WORDS = {
   setup: "Set-up", tool: "Tool", pointer: "Pointer", surface: "Surface", path: "Path",

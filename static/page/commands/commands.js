@@ -1,7 +1,7 @@
 // Every command of the page: one list for tool bar, palette, keys and help.
 
-import { follow, program, send, trying } from "./base.js";
-import { act, docked, inside, link } from "./link.js";
+import { follow, program, send, trying } from "../base.js";
+import { act, docked, inside, link } from "../link.js";
 
 const session = () => program.state?.session;
 const view = () => (session() ? link.view : null);

@@ -1,8 +1,8 @@
 // Command palette: every command by its words.
 
-import { $, element } from "./base.js";
+import { $, element } from "../base.js";
 import { all, enabled, label, register, run } from "./commands.js";
-import { onEscape } from "./stop.js";
+import { onEscape } from "../stop.js";
 import { close } from "./menus.js";
 
 const box = $("palettebox"), field = $("palettefield"), list = $("palettelist");

@@ -1,10 +1,10 @@
 // Guided demo: the whole procedure on a virtual patient, one message after the other, with captions.
 
-import { $, API, ask, program, say, send, trying } from "./base.js";
-import { register } from "./commands.js";
-import { docked, link } from "./link.js";
+import { $, API, ask, program, say, send, trying } from "../base.js";
+import { register } from "../commands/commands.js";
+import { docked, link } from "../link.js";
 import { leaveFor } from "./sessions.js";
-import { onEscape } from "./stop.js";
+import { onEscape } from "../stop.js";
 
 const READ_MS = 3500, LOOK_MS = 250;
 const NAME = "Guided demo";

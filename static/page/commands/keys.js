@@ -1,7 +1,7 @@
 // Keys of the commands; they rest while somebody types, and while something lies over the page.
 
 import { all, enabled, run } from "./commands.js";
-import { inside, listen } from "./link.js";
+import { inside, listen } from "../link.js";
 
 const NOT_TYPED = ["checkbox", "radio", "range", "button", "submit", "color", "file"];
 

@@ -1,11 +1,11 @@
 // Sessions as a whole: the session menu, names, and what is asked before work goes out of sight.
 
-import { $, API, Refused, ask, follow, program, say, send, trying, when } from "./base.js";
-import { find, register, run } from "./commands.js";
-import { link } from "./link.js";
-import { Menu, close, entry, heading, line } from "./menus.js";
-import { onEscape } from "./stop.js";
-import { showHome, showSession } from "./views.js";
+import { $, API, Refused, ask, follow, program, say, send, trying, when } from "../base.js";
+import { find, register, run } from "../commands/commands.js";
+import { link } from "../link.js";
+import { Menu, close, entry, heading, line } from "../commands/menus.js";
+import { onEscape } from "../stop.js";
+import { showHome, showSession } from "../views.js";
 
 const RECENT = 5; // files in the menu; the start page has all
 let files = [];

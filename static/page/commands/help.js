@@ -1,8 +1,8 @@
 // Help: the steps in short, and all keys as the commands have them.
 
-import { $, element } from "./base.js";
+import { $, element } from "../base.js";
 import { all, label, register } from "./commands.js";
-import { onEscape } from "./stop.js";
+import { onEscape } from "../stop.js";
 
 const box = $("helptext");
 const OTHERS = [

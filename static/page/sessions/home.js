@@ -1,6 +1,6 @@
 // Start page: new, open, demo, recent files with their pictures, state of the devices.
 
-import { $, API, ask, element, follow, megabytes, program, trying, when } from "./base.js";
+import { $, API, ask, element, follow, megabytes, program, trying, when } from "../base.js";
 import { openDemo, openFile, openNew, openUpload, showOpen } from "./sessions.js";
 
 // ---------------------------------------------------------------- what it lists
