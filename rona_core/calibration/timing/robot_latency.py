@@ -29,7 +29,9 @@ LEAST_SCANS = 12
 ROUNDS = 3  # of looking for breaks
 OUTLIER_MADS = 5.0  # a step between A-scans that is off by more deviations is a break
 LEAST_DEVIATION_MM = 0.001
-LAGS = 4  # A-scans over which errors hang together
+GROUPS = 5  # of A-scans, in the order of time, that are left out in turn
+LEAST_LEFT = 0.01  # of what is known of the delay: without more it can not be told
+TINY = 1e-300
 WORST_SIGMA_S = 0.01  # less certain than this, the delay is not worth applying
 BREATH_MM, BREATH_HZ = 0.012, 0.25  # of a head in its clamp: RMS along the axis, at rest
 
@@ -96,9 +98,9 @@ def estimate_pose_delay(segments: Sequence[EchoSegment]) -> PoseDelay:
     n_pieces = int(pieces[-1]) + 1
     freedom = n - n_pieces - drifts.shape[1] - 2
     times, off = np.concatenate([part.times_s for part in parts]), standoffs - fit.fitted_mm
-    sigma_s = float(
-        np.hypot(_sigma_s(fit.sensitivity, off / sds, freedom), _breath_s(fit, sds, times))
-    )
+    dispersion = _dispersion(parts, off / sds, sds, pieces, drifts, fit)
+    own_s = np.sqrt(dispersion) * _sigma_s(fit.sensitivity, off / sds, freedom)
+    sigma_s = float(np.hypot(own_s, _breath_s(fit, sds, times)))
     if sigma_s > WORST_SIGMA_S or abs(fit.delay_s) > MAX_DELAY_S - STEP_S:
         raise DegenerateGeometryError(
             f"the motion tells the delay of the poses only to {1e3 * sigma_s:.2g} ms: move faster, "
@@ -150,8 +152,7 @@ class _Fit:
 def _best_fit(
     parts: Sequence[_Part], standoffs: Floats, sds: Floats, pieces: Ints, drifts: Floats
 ) -> _Fit:
-    offsets = np.asarray(pieces[:, None] == np.arange(pieces[-1] + 1), dtype=np.float64)
-    explained = np.linalg.qr(np.hstack((offsets, drifts)) / sds[:, None])[0]
+    explained = np.linalg.qr(np.hstack((_offsets(pieces), drifts)) / sds[:, None])[0]
 
     def rest(values: Floats) -> Floats:
         return np.asarray(values - explained @ (explained.T @ values))
@@ -180,6 +181,11 @@ def _best_fit(
     return _Fit(delay_s, -scale, standoffs - off, slope - _along(moved, slope))
 
 
+def _offsets(pieces: Ints) -> Floats:
+    """Return a column (n,) for each piece: where the robot settled in it."""
+    return np.asarray(pieces[:, None] == np.arange(pieces[-1] + 1), dtype=np.float64)
+
+
 def _even_motions(parts: Sequence[_Part]) -> Floats:
     """Return what bone that moves evenly adds to the stand-offs: a column (n,) for each part."""
     columns = [part.times_s - part.times_s.mean() for part in parts]
@@ -193,20 +199,53 @@ def _along(direction: Floats, values: Floats) -> Floats:
 
 
 def _sigma_s(sensitivity: Floats, residuals: Floats, freedom: int) -> float:
-    """Return the deviation of the delay, with residuals that hang together over a few A-scans.
+    """Return the deviation of the delay if every A-scan errs by itself.
 
-    Both are over the sigmas of the stand-offs; it is no less than these make it.
+    Sensitivity and residuals are over the sigmas of the stand-offs.
     """
     information = float(sensitivity @ sensitivity)
     if information <= 0.0 or freedom < 1:
         return float("inf")
-    score = sensitivity * residuals
-    variance = float(score @ score)
-    for lag in range(1, LAGS + 1):
-        variance += 2.0 * (1.0 - lag / (LAGS + 1.0)) * float(score[lag:] @ score[:-lag])
-    # as if they did not hang together
-    uncorrelated = max(float(residuals @ residuals) / freedom, 1.0) * information
-    return float(np.sqrt(max(variance * len(residuals) / freedom, uncorrelated)) / information)
+    return float(np.sqrt(max(float(residuals @ residuals) / freedom, 1.0) / information))
+
+
+def _dispersion(
+    parts: Sequence[_Part],
+    residuals: Floats,
+    sds: Floats,
+    pieces: Ints,
+    drifts: Floats,
+    fit: _Fit,
+) -> float:
+    """Return by how much more the delay moves than it should when stretches are left out.
+
+    The robot wanders by micrometres over many A-scans: they do not err each by itself. Of A-scans
+    that do, leaving out a stretch moves the delay by a standard deviation that follows from what
+    the stretch tells of it; the mean square over that is returned, at least 1 (after Künsch 1989).
+    Near the fit the stand-offs are taken as linear in the delay.
+    """
+    place, speed = (
+        np.concatenate([part.at(fit.delay_s, order) for part in parts]) for order in (0, 1)
+    )
+    design = np.column_stack((_offsets(pieces), drifts, place, speed))
+    equations = np.column_stack((design / sds[:, None], residuals))
+    rows = np.arange(len(residuals))
+    known = _delay_of(equations)[1]
+    squares: list[float] = []
+    for left_out in np.array_split(rows, GROUPS):
+        shift, still = _delay_of(np.delete(equations, left_out, axis=0))
+        if LEAST_LEFT * known < still < known:
+            squares.append(shift**2 / (1.0 / still - 1.0 / known))
+    freedom = max(len(rows) - design.shape[1], 1)
+    own = max(float(residuals @ residuals) / freedom, 1.0)
+    return max(float(np.mean(squares)) / own, 1.0) if squares else 1.0
+
+
+def _delay_of(equations: Floats) -> tuple[float, float]:
+    """Return the last unknown of equations (n, k + 1), least squares, and how well it is known."""
+    factor = np.linalg.qr(equations, mode="r")
+    steep = float(factor[-2, -2])
+    return float(factor[-2, -1]) / (steep or TINY), steep**2
 
 
 def _breath_s(fit: _Fit, sds: Floats, times_s: Floats) -> float:

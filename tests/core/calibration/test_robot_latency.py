@@ -62,6 +62,16 @@ def test_a_robot_that_settles_elsewhere_spoils_one_step_and_not_the_result():
     assert found.n_pieces == 2
 
 
+def test_a_robot_that_wanders_states_more_than_noise_alone_would():
+    ratios, walks = [], 0.01 * np.sqrt(np.diff(np.linspace(0.1, 0.9, 51)))
+    for seed in range(60):
+        part = segment(lifting, 0.008, seed=seed, noise_mm=0.0005)
+        wander = np.cumsum(np.random.default_rng(1000 + seed).normal(0.0, walks))
+        found = estimate_pose_delay([replace(part, standoff_mm=part.standoff_mm + wander)])
+        ratios.append((found.delay_s - 0.008) / found.sigma_s)
+    assert np.mean(np.square(ratios)) < 8.0  # 15 if every A-scan erred by itself
+
+
 def test_the_shift_along_the_path_is_speed_times_delay():
     found = estimate_pose_delay([segment(lifting, 0.016)])
     assert found.way_mm(20.0) == pytest.approx(0.32, abs=0.01)
