@@ -11,9 +11,9 @@ from typing import Any
 DEFAULT: Mapping[str, Mapping[str, Any]] = {
     "procedure": {"suites.procedure.procedure.SEEDS": range(5)},
     "honesty": {
-        "suites.honesty.maps.SEEDS": range(36_000, 36_012),
+        "suites.honesty.maps.SEEDS": range(40_000, 40_012),
         "suites.honesty.navigation.SEEDS": range(33_000, 33_024),
-        "suites.honesty.thickness.SEEDS": range(31_000, 31_024),
+        "suites.honesty.thickness.SEEDS": range(45_000, 45_024),
     },
     "accuracy": {
         "suites.accuracy.accuracy.SEEDS": range(37_000, 37_003),
