@@ -31,7 +31,7 @@ def surface_nets(values: Reals, known: Bools | None = None) -> tuple[Floats, Int
     cubes = (count > 0) & (count < len(CORNERS))
     if known is not None:
         cubes &= np.logical_and.reduce([known[corner] for corner in corners])
-    number = np.full(shape, -1, dtype=np.int32)
+    number = np.full(shape, -1, dtype=np.int64)
     number[cubes] = np.arange(np.count_nonzero(cubes))
     points = np.argwhere(cubes) + _mean_crossings(values, cubes)
     return points, np.concatenate([_faces(inside, number, axis) for axis in range(3)])

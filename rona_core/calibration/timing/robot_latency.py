@@ -243,7 +243,7 @@ def _dispersion(
 
 def _delay_of(equations: Floats) -> tuple[float, float]:
     """Return the last unknown of equations (n, k + 1), least squares, and how well it is known."""
-    factor = np.linalg.qr(equations, mode="r")
+    factor: Floats = np.asarray(np.linalg.qr(equations, mode="r"), dtype=np.float64)
     steep = float(factor[-2, -2])
     return float(factor[-2, -1]) / (steep or TINY), steep**2
 

@@ -5,15 +5,15 @@ The voxels are read from the file itself: a header that points to another file i
 
 import io
 import re
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 
 from rona_core.devices.files.size_limits import open_file
-from rona_core.devices.files.voxels.nifti_voxels import begin_nifti
-from rona_core.devices.files.voxels.nrrd_voxels import begin_nrrd
 from rona_core.devices.files.voxels.voxel_layers import UNREAD, Voxels, kind_of
 from rona_core.errors import InvalidInputError, RonaError
 from rona_core.geometry.arrays import Floats
@@ -21,6 +21,8 @@ from rona_core.geometry.arrays import Floats
 VOLUME_SUFFIXES = (".nrrd", ".nii", ".nii.gz")
 VOXELS_MM = (0.1, 3.0)  # edges of a voxel
 SKEW = 1e-3  # largest cosine between grid axes
+# imported when there is such a file: nibabel takes long
+READERS = {"NRRD": ("nrrd_voxels", "begin_nrrd"), "NIfTI": ("nifti_voxels", "begin_nifti")}
 
 
 @contextmanager
@@ -36,7 +38,10 @@ def open_voxels(source: Path | bytes, name: str) -> Generator[Voxels]:
             grid that is skewed or not in millimetres.
     """
     kind = kind_of(name)
-    begin = begin_nrrd if kind == "NRRD" else begin_nifti
+    module, function = READERS[kind]
+    begin: Callable[[BinaryIO, str], Voxels] = getattr(
+        import_module(f"rona_core.devices.files.voxels.{module}"), function
+    )
     whole = isinstance(source, bytes)
     try:
         with io.BytesIO(source) if whole else open_file(source, f"a {kind} file") as file:
