@@ -32,7 +32,7 @@ STEPS = {
 }
 CAPTURES = ("tool", "pointer", "surface", "path", "scan", "second scan")
 # share of each step in the CPU time of the procedure; `make profile KEEP=1` writes it anew
-KEPT_SHARES = Path(__file__).with_name("step_shares.json")
+KEPT_SHARES = Path(__file__).parent / "reference" / "step_shares.json"
 DOUBLED = 2.0
 SMALL_SHARE = 0.01  # a step that takes less than this of the whole may do as it likes
 
