@@ -14,6 +14,7 @@
 #   make demo-session  make sessions/demo.rona anew
 #   make viewers      read exported files in VTK and SimpleITK, installed beside the project
 #   make pictures     take the pictures of the user guide anew, in a headless browser
+#   make animation    play the guided demo in a browser and make the animated picture of the README
 #   make screens      take screenshots of all pages, light and dark, in two sizes, into build/screens
 #   make gallery      draw the pictures of the examples anew
 #   make api          write the reference of the public packages to build/api
@@ -23,7 +24,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help run test test-all mutants gallery api check bench viewers profile results honesty accuracy demo demo-session pictures screens constraints clean venv product browser
+.PHONY: help run test test-all mutants gallery api check bench viewers profile results honesty accuracy demo demo-session pictures animation screens constraints clean venv product browser
 
 PYTHON ?= python3
 VENV := .venv
@@ -143,6 +144,9 @@ demo-session: $(VENV)/.product
 
 pictures: $(VENV)/.test
 	RONA_SCREENSHOTS=1 $(BIN)/python -m pytest -q tests/ui/browser/test_browser.py -k "copy_of_the_demo or by_hand"
+
+animation: $(VENV)/.test browser
+	$(BIN)/python -m tests.tools.animation
 
 screens: $(VENV)/.test
 	$(BIN)/python -m tests.tools.screens
