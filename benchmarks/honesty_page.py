@@ -15,7 +15,6 @@ from benchmarks.suites.honesty.judged import (
     BAND_GOAL,
     RANK_GOAL,
     RATIO_GOAL,
-    REACHED,
     Honesty,
     Judged,
     Statistic,
@@ -43,7 +42,7 @@ equally often (`benchmarks/suites/honesty/design.py`). Nothing was tuned on thes
 *Rank*: correlation of sigma and size of the error among the places of a session, for a sigma that
 claims to tell good places from bad ones. *Drawn*: what it is for errors that are drawn with these
 sigmas: the most that honest sigmas of this spread can reach. The goal of *rank* is {RANK_GOAL:g},
-or {REACHED:g} of *drawn* where that is less.
+or *drawn* where that is less.
 
 Every seed counts the same, whatever its number of samples; in brackets the 95 % interval, by
 drawing seeds with replacement. What misses its goal is bold. A *common* part is one error for a

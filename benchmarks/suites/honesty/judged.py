@@ -22,7 +22,6 @@ Part = Literal["common", "local", "whole"]
 RATIO_GOAL = (0.75, 1.35)
 BAND_GOAL = (0.90, 0.98)
 RANK_GOAL = 0.3  # where sigmas spread enough for it
-REACHED = 0.8  # of the rank that errors drawn with these sigmas have, where that is less
 BAND = 1.96  # standard deviations that hold 95 % of a normal distribution
 DRAWS = 2000  # of the bootstrap over seeds
 INTERVAL = (0.025, 0.975)
@@ -124,7 +123,7 @@ def grouped(samples: Sequence[Judged]) -> Mapping[tuple[str, Part], list[Judged]
 def rank_goal(found: Honesty) -> float:
     """Return the rank correlation asked for: no sigma can reach more than drawn errors have."""
     drawn = found.drawn_rank
-    return RANK_GOAL if drawn is None else min(RANK_GOAL, REACHED * drawn)
+    return RANK_GOAL if drawn is None else min(RANK_GOAL, drawn)
 
 
 def rows(found: Honesty) -> list[Metric]:

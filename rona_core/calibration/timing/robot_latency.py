@@ -29,7 +29,7 @@ LEAST_SCANS = 12
 ROUNDS = 3  # of looking for breaks
 OUTLIER_MADS = 5.0  # a step between A-scans that is off by more deviations is a break
 LEAST_DEVIATION_MM = 0.001
-GROUPS = 5  # of A-scans, in the order of time, that are left out in turn
+STRETCHES = 5  # of A-scans, in the order of time, that are left out in turn
 LEAST_LEFT = 0.01  # of what is known of the delay: without more it can not be told
 TINY = 1e-300
 WORST_SIGMA_S = 0.01  # less certain than this, the delay is not worth applying
@@ -98,8 +98,8 @@ def estimate_pose_delay(segments: Sequence[EchoSegment]) -> PoseDelay:
     n_pieces = int(pieces[-1]) + 1
     freedom = n - n_pieces - drifts.shape[1] - 2
     times, off = np.concatenate([part.times_s for part in parts]), standoffs - fit.fitted_mm
-    dispersion = _dispersion(parts, off / sds, sds, pieces, drifts, fit)
-    own_s = np.sqrt(dispersion) * _sigma_s(fit.sensitivity, off / sds, freedom)
+    moved = _left_out(parts, off / sds, sds, pieces, drifts, fit)
+    own_s = _sigma_s(fit.sensitivity, off / sds, freedom, moved)
     sigma_s = float(np.hypot(own_s, _breath_s(fit, sds, times)))
     if sigma_s > WORST_SIGMA_S or abs(fit.delay_s) > MAX_DELAY_S - STEP_S:
         raise DegenerateGeometryError(
@@ -198,18 +198,18 @@ def _along(direction: Floats, values: Floats) -> Floats:
     return direction * (float(direction @ values) / power if power > 0.0 else 0.0)
 
 
-def _sigma_s(sensitivity: Floats, residuals: Floats, freedom: int) -> float:
-    """Return the deviation of the delay if every A-scan errs by itself.
+def _sigma_s(sensitivity: Floats, residuals: Floats, freedom: int, moved: float) -> float:
+    """Return the deviation of the delay; no less than noise, misfit or what was left out make it.
 
     Sensitivity and residuals are over the sigmas of the stand-offs.
     """
     information = float(sensitivity @ sensitivity)
     if information <= 0.0 or freedom < 1:
         return float("inf")
-    return float(np.sqrt(max(float(residuals @ residuals) / freedom, 1.0) / information))
+    return float(np.sqrt(max(float(residuals @ residuals) / freedom, moved, 1.0) / information))
 
 
-def _dispersion(
+def _left_out(
     parts: Sequence[_Part],
     residuals: Floats,
     sds: Floats,
@@ -217,12 +217,12 @@ def _dispersion(
     drifts: Floats,
     fit: _Fit,
 ) -> float:
-    """Return by how much more the delay moves than it should when stretches are left out.
+    """Return how far the delay moves when stretches are left out: a mean square, 1 for noise alone.
 
-    The robot wanders by micrometres over many A-scans: they do not err each by itself. Of A-scans
-    that do, leaving out a stretch moves the delay by a standard deviation that follows from what
-    the stretch tells of it; the mean square over that is returned, at least 1 (after Künsch 1989).
-    Near the fit the stand-offs are taken as linear in the delay.
+    Each move counts over the standard deviation that follows from what the stretch tells of the
+    delay if every A-scan errs by itself and by its sigma (after Künsch 1989). A robot that wanders
+    by micrometres over many A-scans makes it more. Near the fit the stand-offs are taken as linear
+    in the delay.
     """
     place, speed = (
         np.concatenate([part.at(fit.delay_s, order) for part in parts]) for order in (0, 1)
@@ -232,13 +232,11 @@ def _dispersion(
     rows = np.arange(len(residuals))
     known = _delay_of(equations)[1]
     squares: list[float] = []
-    for left_out in np.array_split(rows, GROUPS):
+    for left_out in np.array_split(rows, STRETCHES):
         shift, still = _delay_of(np.delete(equations, left_out, axis=0))
         if LEAST_LEFT * known < still < known:
             squares.append(shift**2 / (1.0 / still - 1.0 / known))
-    freedom = max(len(rows) - design.shape[1], 1)
-    own = max(float(residuals @ residuals) / freedom, 1.0)
-    return max(float(np.mean(squares)) / own, 1.0) if squares else 1.0
+    return float(np.mean(squares)) if squares else 0.0
 
 
 def _delay_of(equations: Floats) -> tuple[float, float]:

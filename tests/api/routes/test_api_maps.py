@@ -11,6 +11,7 @@ from rona_core.app.steps.maps.accuracy.map_draws import draw_maps
 from rona_core.app.steps.maps.comparison import compare_maps
 from rona_core.app.steps.maps.export import export_maps
 from rona_core.app.steps.maps.volume import echo_volume
+from tests.scenes.map_ct import ct_of
 
 
 @pytest.fixture(scope="module")
@@ -108,6 +109,10 @@ def test_maps_are_compared_with_the_true_bone_and_with_a_file(web, client, demo,
     wanted = compare_maps(web.hub.get(demo).session, mesh, "bone.ply", "surface")
     assert told["figures"][0]["rms_mm"] == pytest.approx(wanted.figures[0].rms_mm, abs=1e-9)
     np.testing.assert_allclose(told["registration"]["T_base_mesh"], np.eye(4), atol=0.1)
+    ct = ct_of(web.hub.get(demo).session.results.maps.value)
+    assert client.post(path, params={"name": "head.nii"}, content=ct).status_code == 422
+    answer = client.post(path, params={"name": "head.nii", "threshold": 750}, content=ct)
+    assert answer.json()["figures"][0]["p95_mm"] < 0.06
     assert at("GET", "/maps/comparison").json()["code"] == "step_blocked"
 
 

@@ -4,11 +4,9 @@ import gzip
 import io
 import json
 
-import nibabel
 import numpy as np
 import pytest
 import trimesh
-from scipy.interpolate import RegularGridInterpolator
 
 from rona_core.app.steps.maps.comparison import TRUTH, compare_maps, compare_with_truth
 from rona_core.app.steps.maps.export import export_maps
@@ -25,6 +23,7 @@ from rona_core.session.document import Session
 from rona_core.session.files import load_session, session_bytes
 from rona_ui.cli import main
 from rona_ui.resources import demo_session
+from tests.scenes.map_ct import ct_of
 
 
 @pytest.fixture(scope="module")
@@ -74,42 +73,18 @@ def test_a_mesh_in_another_place_is_laid_under_the_outer_map(demo):
     assert laid.figures[0].rms_mm < 0.05
 
 
-def ct_of(maps, voxel_mm=0.5):
-    """Return a CT of the bone between two maps, along the axes of the map, and its affine."""
-    outer, inner = maps.outer, maps.inner
-    u = np.arange(outer.u_mm[0], outer.u_mm[-1], voxel_mm)
-    v = np.arange(outer.v_mm[0], outer.v_mm[-1], voxel_mm)
-    low, high = np.nanmin(inner.height_mm[inner.ok]) - 3.0, np.max(outer.height_mm[outer.ok]) + 3.0
-    z = np.arange(low, high, voxel_mm)
-    there = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1)
-    top, bottom = (
-        RegularGridInterpolator((m.u_mm, m.v_mm), np.where(m.ok, m.height_mm, np.nan))(there)
-        for m in (outer, inner)
-    )
-    above, below = (top[..., None] - z) / voxel_mm, (z - bottom[..., None]) / voxel_mm
-    bone = np.clip(above + 0.5, 0.0, 1.0) * np.clip(below + 0.5, 0.0, 1.0)
-    affine = outer.T_base_map.matrix() @ np.diag((voxel_mm, voxel_mm, voxel_mm, 1.0))
-    affine[:3, 3] = outer.T_base_map @ np.array((u[0], v[0], z[0]))
-    return (1500.0 * np.nan_to_num(bone)).astype(np.float32), affine
-
-
 def test_maps_beside_a_ct_of_themselves_differ_by_little(demo):
-    image = nibabel.Nifti1Image(*ct_of(demo.results.maps.value))
-    image.header.set_xyzt_units("mm")
+    ct = ct_of(demo.results.maps.value)
     with pytest.raises(InvalidInputError, match="give the threshold"):
-        compare_maps(demo, image.to_bytes(), "head.nii")
-    found = compare_maps(demo, image.to_bytes(), "head.nii", threshold=750.0)
+        compare_maps(demo, ct, "head.nii")
+    found = compare_maps(demo, ct, "head.nii", threshold=750.0)
     rows = {row.name: row for row in found.figures}
     # at the rim of the inner map this bone has walls that no map has
     assert rows["outer"].p95_mm < 0.06
     assert rows["inner"].p95_mm < 0.06
     assert np.nanmedian(np.abs(found.errors.errors_mm["thickness"])) < 0.04
     assert rows["thickness"].coverage > 0.85
-    affine = image.affine.copy()
-    affine[:3, 3] += (1.0, -0.5, 1.5)
-    there = nibabel.Nifti1Image(image.get_fdata(dtype=np.float32), affine)
-    there.header.set_xyzt_units("mm")
-    packed = gzip.compress(there.to_bytes(), 1)
+    packed = gzip.compress(ct_of(demo.results.maps.value, moved_mm=(1.0, -0.5, 1.5)), 1)
     laid = compare_maps(demo, packed, "there.nii.gz", "surface", threshold=750.0)
     assert compare_maps(demo, packed, "there.nii.gz", threshold=750.0).figures[0].p95_mm > 1.0
     assert laid.figures[0].p95_mm < 0.1
@@ -151,5 +126,12 @@ def test_the_command_prints_the_figures(demo, tmp_path, capsys):
     assert main(["compare", str(demo_session()), str(path), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["figures"][0]["rms_mm"] < 0.001
+    head = tmp_path / "head.nii"
+    head.write_bytes(ct_of(demo.results.maps.value))
+    words = ["compare", str(demo_session()), str(head), "--json"]
+    assert main(words) == 2
+    assert "give the threshold" in capsys.readouterr().err
+    assert main([*words, "--threshold", "750"]) == 0
+    assert json.loads(capsys.readouterr().out)["figures"][0]["p95_mm"] < 0.06
     assert main(["compare", str(demo_session()), str(tmp_path / "none.ply")]) == 2
     assert "none.ply" in capsys.readouterr().err

@@ -20,6 +20,7 @@ from rona_ui.resources import demo_session
 from rona_ui.scene.path.path_editing import point_at
 from rona_ui.window.browser import COMPARE, compared_with_file
 from tests.helpers.ui.fake_gui import FakeClient, FakeGui
+from tests.scenes.map_ct import ct_of
 from tests.ui.panels.test_panels import Recorder
 from tests.ui.panels.test_panels import snapshot as any_snapshot
 
@@ -145,3 +146,18 @@ def test_the_page_lays_a_file_by_its_pairs_and_asks_for_three(bench):
     laid = compared_with_file(demo, data, "outer.ply", lay, ViewState(pairs=whole))
     np.testing.assert_allclose(laid.place.T_base_mesh.translation, (1.5, 0.0, 0.0), atol=1e-9)
     np.testing.assert_allclose(laid.place.points_off_mm, 0.0, atol=1e-9)
+
+
+def test_the_threshold_of_the_page_tells_bone_in_a_ct(bench):
+    gui, recorder = FakeGui(), Recorder()
+    ComparisonFolder(gui, recorder.context)
+    field = gui.find("number", "Bone threshold")
+    assert field.value == 300.0
+    field.value = 750.0
+    field.happen(FakeClient())
+    assert recorder.shown.bone_threshold == 750.0
+    ct = ct_of(bench.session.results.maps.value)
+    found = compared_with_file(bench.session, ct, "head.nii", "none", recorder.shown)
+    assert found.figures[0].p95_mm < 0.06
+    with pytest.raises(InvalidInputError, match="check the threshold"):
+        compared_with_file(bench.session, ct, "head.nii", "none", ViewState(bone_threshold=5e3))
