@@ -4,8 +4,12 @@ import nibabel
 import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
+from rona_core.mapping import Maps
 
-def ct_of(maps, voxel_mm=0.5, moved_mm=(0.0, 0.0, 0.0)):
+
+def ct_of(
+    maps: Maps, voxel_mm: float = 0.5, moved_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> bytes:
     """Return a NIfTI file of the bone between two maps, 1500 and air 0, on the axes of the map."""
     outer, inner = maps.outer, maps.inner
     u = np.arange(outer.u_mm[0], outer.u_mm[-1], voxel_mm)
