@@ -108,6 +108,7 @@ class ViewState:
     """How one browser looks at the session; never saved, never undone."""
 
     step: str = "setup"
+    open_tabs: frozenset[str] = frozenset()  # of the docks, as far as the page has told
     all_layers: bool = False  # show also what the step does not need
     hidden: frozenset[str] = frozenset(
         {"outer", "fused", "obstacles", "milling", "chance", "labels"}

@@ -88,7 +88,7 @@ class Browser:
         """Bring this browser to ``new``, in one go."""
         old = self._drawn
         if old is not None and old.session.id != new.session.id:
-            self.change_view(lambda v: ViewState(step=v.step))
+            self.change_view(lambda v: ViewState(step=v.step, open_tabs=v.open_tabs))
             new = replace(new, view=self._view)
         self._listen(new)
         with self.client.atomic():

@@ -7,6 +7,7 @@ import { act, inside, link, viewer } from "./link.js";
 // ---------------------------------------------------------------- light and dark
 
 const system = matchMedia("(prefers-color-scheme: dark)");
+const BEGINS = "light"; // the viewer's look, until it is asked for another
 const chosen = () => localStorage.getItem("theme") ?? (system.matches ? "dark" : "light");
 
 function dress() {
@@ -14,7 +15,7 @@ function dress() {
   document.documentElement.dataset.theme = theme;
   const page = inside()?.documentElement;
   if (!page || !link.view) return;
-  if (page.dataset.theme !== theme) act("theme", theme);
+  if ((page.dataset.theme ?? BEGINS) !== theme) act("theme", theme);
   page.dataset.theme = theme;
 }
 
@@ -35,6 +36,7 @@ follow("entered", (page) => { page.documentElement.toggleAttribute("data-dev", d
 
 // ---------------------------------------------------------------- the cover
 
+const LOOK_MS = 30;
 const PATIENCE_MS = 15000; // then the docks are shown, whatever the scene does
 let since = 0;
 
@@ -51,7 +53,7 @@ function uncover() {
 export function cover() {
   since = performance.now();
   $("splash").hidden = false;
-  const timer = setInterval(() => { if ($("splash").hidden) clearInterval(timer); else uncover(); }, 100);
+  const timer = setInterval(() => { if ($("splash").hidden) clearInterval(timer); else uncover(); }, LOOK_MS);
 }
 
 follow("entered", cover);

@@ -1,5 +1,6 @@
 """Docks of one browser: procedure on the left, figures and graphs on the right, replay."""
 
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from rona_ui.panels.implant.implant import ImplantPanel
@@ -31,18 +32,40 @@ from rona_ui.panels.widgets.step_panel import StepPanel
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.resources import static_dir
 
-STEP_PANELS: tuple[type[StepPanel], ...] = (
-    SetupPanel,
-    ToolPanel,
-    PointerPanel,
-    SurfacePanel,
-    PathPanel,
-    SmoothingPanel,
-    RollPanel,
-    ScanPanel,
-    MapsPanel,
-    ImplantPanel,
-)
+STEP_PANELS: dict[str, type[StepPanel]] = {
+    kind.step: kind
+    for kind in (
+        SetupPanel,
+        ToolPanel,
+        PointerPanel,
+        SurfacePanel,
+        PathPanel,
+        SmoothingPanel,
+        RollPanel,
+        ScanPanel,
+        MapsPanel,
+        ImplantPanel,
+    )
+}
+Build = Callable[[Any, PanelContext], Panel]
+UPPER_TABS: dict[str, tuple[str, Build]] = {  # of the right dock: icon, and what the tab shows
+    "Quality": ("gauge", lambda gui, context: QualityPanel(gui)),
+    "Rolls": ("rotate-360", RollsPanel),
+    "Frames": ("axis-x", lambda gui, context: FramesPanel(gui)),
+    "Log": ("list", lambda gui, context: LogPanel(gui)),
+}
+LOWER_TABS: dict[str, tuple[str, Build]] = {
+    "Poses": ("crosshair", CalibrationPanel),
+    "Path": ("route", lambda gui, context: PathGraph(gui)),
+    "Joints": ("chart-line", JointsPanel),
+    "Checks": ("shield-check", ChecksPanel),
+    "A-scan": ("wave-sine", AScanPanel),
+    "Force": ("arrow-bar-to-down", ForcePanel),
+    "Probes": ("flask", ProbeComparisonPanel),
+}
+TAB_PANELS: dict[str, Build] = {
+    name: build for name, (_, build) in (*UPPER_TABS.items(), *LOWER_TABS.items())
+}
 TABS = {  # of the right dock that go with a step: the upper one, the lower one
     "setup": ("Quality", "Probes"),
     "tool": ("Quality", "Poses"),
@@ -73,9 +96,14 @@ class TabsOfStep:
 
 
 class Docks:
-    """Builds every panel once and draws snapshots into them."""
+    """Builds what a browser looks at, once it does, and draws snapshots into it.
+
+    The fields of a step are built when the step is opened, what a tab shows when the tab is; all
+    that is built follows the session from then on.
+    """
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
+        self._gui, self._context = gui, context
         gui.set_panel_label("Procedure")
         left = gui.main_panel
         left.dock_left()
@@ -84,13 +112,13 @@ class Docks:
         gui.add_html(f"<style>{sheet}</style>")
         step_list = StepList(gui, context)
         panels: list[Panel] = [step_list, StepTitle(gui), TabsOfStep(gui)]
-        steps: dict[str, StepPanel] = {}
-        run_bar = RunBar(gui, context, steps)  # above the fields, so that it never scrolls away
-        panels.append(Refused(gui))
-        steps.update({kind.step: kind(gui, context) for kind in STEP_PANELS})
-        panels += [*steps.values(), run_bar]
-        panels.append(PageLink(gui, context, {**step_list.buttons, **run_bar.buttons}))
-        panels += self._right(gui, context)
+        self._steps: dict[str, StepPanel] = {}
+        run_bar = RunBar(gui, context, self._steps)  # above the fields: it never scrolls away
+        panels += [Refused(gui), run_bar]
+        buttons = {**step_list.buttons, **run_bar.buttons}
+        panels.append(PageLink(gui, context, buttons, TAB_PANELS))
+        self._tabs = self._right()
+        self._in_tabs: dict[str, Panel] = {}
         replay = gui.add_panel(visible=False)
         with replay.add_tab("Replay", "player-play"):
             panels.append(ReplayPanel(gui, context, replay))
@@ -98,31 +126,32 @@ class Docks:
         replay.minimize()  # it would hide the lower part of the region
         self._panels = tuple(panels)
 
-    @staticmethod
-    def _right(gui: Any, context: PanelContext) -> list[Panel]:
-        upper, lower = gui.add_panel(), gui.add_panel()
-        panels: list[Panel] = []
-        for dock, title, icon, build in (
-            (upper, "Quality", "gauge", lambda: QualityPanel(gui)),
-            (upper, "Rolls", "rotate-360", lambda: RollsPanel(gui, context)),
-            (upper, "Frames", "axis-x", lambda: FramesPanel(gui)),
-            (upper, "Log", "list", lambda: LogPanel(gui)),
-            (lower, "Poses", "crosshair", lambda: CalibrationPanel(gui, context)),
-            (lower, "Path", "route", lambda: PathGraph(gui)),
-            (lower, "Joints", "chart-line", lambda: JointsPanel(gui, context)),
-            (lower, "Checks", "shield-check", lambda: ChecksPanel(gui, context)),
-            (lower, "A-scan", "wave-sine", lambda: AScanPanel(gui, context)),
-            (lower, "Force", "arrow-bar-to-down", lambda: ForcePanel(gui, context)),
-            (lower, "Probes", "flask", lambda: ProbeComparisonPanel(gui, context)),
-        ):
-            with dock.add_tab(title, icon):
-                panels.append(build())
+    def _right(self) -> dict[str, Any]:
+        """Add the docks on the right; return their tabs, empty, by name."""
+        upper, lower = self._gui.add_panel(), self._gui.add_panel()
+        tabs = {name: upper.add_tab(name, icon) for name, (icon, _) in UPPER_TABS.items()}
+        tabs |= {name: lower.add_tab(name, icon) for name, (icon, _) in LOWER_TABS.items()}
         upper.dock_right()
         lower.dock_below(upper)
         upper.set_width(RIGHT_PX)
-        return panels
+        return tabs
+
+    def build(self, step: str, tabs: Iterable[str]) -> frozenset[str]:
+        """Build the fields of a step and what tabs show; return the names of what is new."""
+        new = {name for name in tabs if name not in self._in_tabs}
+        if step not in self._steps:
+            self._steps[step] = STEP_PANELS[step](self._gui, self._context)
+            new.add(step)
+        for name in new & TAB_PANELS.keys():
+            with self._tabs[name]:
+                self._in_tabs[name] = TAB_PANELS[name](self._gui, self._context)
+        return frozenset(new)
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
-        """Bring every panel from ``old`` to ``new``."""
+        """Bring every panel that is built from ``old`` to ``new``."""
+        view = new.view
+        fresh = self.build(view.step, (*TABS[view.step], *view.open_tabs))
+        for name, panel in (*self._steps.items(), *self._in_tabs.items()):
+            panel.render(None if name in fresh else old, new)
         for panel in self._panels:
             panel.render(old, new)

@@ -6,7 +6,7 @@ that they keep their order among what the fields of the docks send.
 """
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any, NoReturn, get_args
@@ -42,14 +42,20 @@ SHOWN = (
 class PageLink:
     """Tells the page how this browser looks at the session, and does what its tool bar asks for."""
 
-    def __init__(self, gui: Any, context: PanelContext, buttons: Mapping[str, Any]) -> None:
-        """Link the page to ``gui``; ``buttons`` are those of the docks that it has keys for."""
+    def __init__(
+        self, gui: Any, context: PanelContext, buttons: Mapping[str, Any], tabs: Iterable[str]
+    ) -> None:
+        """Link the page to ``gui``.
+
+        ``buttons`` are those of the docks that it has keys for, ``tabs`` those that it may open.
+        """
         self._gui, self._context = gui, context
         self._buttons = {name: uuid_of(button) for name, button in buttons.items()}
         field = gui.add_text("Page", NOTHING_WRITTEN, visible=False)
         self._field = uuid_of(field)
         self._html = gui.add_html("")
         on_change(field, self._read)
+        known = tuple(tabs)
         self._acts: dict[str, Callable[[Any, Event], None]] = {
             "undo": lambda value, event: context.send(Undo, event),
             "redo": lambda value, event: context.send(Redo, event),
@@ -62,6 +68,9 @@ class PageLink:
             "cut": lambda value, event: self._set_view(cut_direction=_one_of(value, CUTS)),
             "cut_offset": lambda value, event: self._set_view(cut_offset_mm=_offset_mm(value)),
             "cut_maps": lambda value, event: self._set_view(cut_maps=_flag(value)),
+            "tabs": lambda value, event: context.set_view(
+                open_tabs=frozenset(_one_of(name, known) for name in value)
+            ),
         }
 
     def _read(self, event: Any) -> None:

@@ -134,7 +134,11 @@ def carry_out(surgeon: Surgeon, words: str) -> None:
     """Click a button that starts a job, and wait until that has ended well."""
     before = len(surgeon.ask("/jobs"))
     surgeon.button(words).click()
-    wait_for(lambda: len(surgeon.ask("/jobs")) > before, f"the job of {words}")
+    try:
+        wait_for(lambda: len(surgeon.ask("/jobs")) > before, f"the job of {words}")
+    except AssertionError as error:
+        notes = surgeon.frame.locator(".r-note").all_inner_texts()
+        raise AssertionError(f"{error}; the docks say {notes}") from None
     wait_for(lambda: surgeon.ask("/jobs")[-1]["finished"], f"{words} to end")
     job = surgeon.ask("/jobs")[-1]
     assert job["state"] == "done", job

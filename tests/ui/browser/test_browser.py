@@ -158,7 +158,8 @@ def test_ten_steps_by_hand_with_the_mouse_alone_then_saved_and_opened_again(
         surgeon.button("Pivot by hand").click()
         hand.pivot(surgeon, HANDLES_MM / 1000.0)
         surgeon.picture("pointer")
-        surgeon.button("Finish and calibrate").click()
+        if surgeon.button("Finish and calibrate").is_visible():  # or its time was over before
+            surgeon.button("Finish and calibrate").click()
         surgeon.button("Pivot by hand").wait_for()
         surgeon.wait_idle()
         if surgeon.states()[2] == "done":

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from rona_ui.panels.layout.docks import Docks
+from rona_ui.panels.layout.docks import STEP_PANELS, TAB_PANELS, Docks
 from rona_ui.viewer.fields import OTHERS, TYPED, Fields, full_hint
 from rona_ui.viewer.gateway import ViewerGateway, uuid_of
 from rona_ui.viewer.hints import HINTS
@@ -46,7 +46,9 @@ class Recorded:
 def docks() -> Iterator[Recorded]:
     gateway = ViewerGateway()
     gui = Recorded(gateway.server.gui)
-    Docks(Fields(gui, lambda error, event: None), NOTHING)
+    docks = Docks(Fields(gui, lambda error, event: None), NOTHING)
+    for step in STEP_PANELS:
+        docks.build(step, TAB_PANELS)
     yield gui
     gateway.close()
 

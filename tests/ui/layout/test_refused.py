@@ -58,7 +58,7 @@ def test_the_newest_refusal_stands_in_full_at_its_step_until_something_was_done(
 
 def test_progress_says_how_long_the_job_still_takes() -> None:
     gui = FakeGui()
-    bar = RunBar(gui, NOTHING, {kind.step: kind(gui, NOTHING) for kind in STEP_PANELS})
+    bar = RunBar(gui, NOTHING, {step: kind(gui, NOTHING) for step, kind in STEP_PANELS.items()})
     job = JobStatus("1", "StartScan", "running", 0.25)
     at = snapshot(Session(), "scan", job=job)
     bar.render(None, at)
@@ -80,4 +80,4 @@ def test_a_time_that_is_left_is_told_as_coarsely_as_it_is_known(time_s: float, w
 
 
 def test_every_step_has_tabs_that_go_with_it() -> None:
-    assert tuple(TABS) == tuple(kind.step for kind in STEP_PANELS)
+    assert tuple(TABS) == tuple(STEP_PANELS)

@@ -33,7 +33,7 @@ class Page:
         self.themes: list[Any] = []
         self.gui.configure_theme = lambda **parts: self.themes.append(parts)
         start = SimpleNamespace(label="Start")
-        self.link = PageLink(self.gui, self.recorder.context, {"start": start})
+        self.link = PageLink(self.gui, self.recorder.context, {"start": start}, ("Log", "Path"))
 
     def ask(self, act: Any, value: Any = None, client: Any = CLIENT) -> None:
         self.write(json.dumps({"act": act, "value": value}), client)
@@ -110,6 +110,8 @@ def test_what_the_page_asks_for_is_done_in_order_with_the_rest(page: Page) -> No
     assert shown.hidden == ViewState().hidden - {"obstacles"} | {"skull"}
     assert (shown.all_layers, shown.cut_direction) == (True, "lengthwise")
     assert (shown.cut_offset_mm, shown.cut_maps) == (-12.0, True)
+    page.ask("tabs", ["Path", "Log"])
+    assert page.recorder.shown.open_tabs == {"Log", "Path"}
     for name in ("dark", "light"):
         page.ask("theme", name)
     assert [parts["dark_mode"] for parts in page.themes] == [True, False]
@@ -143,6 +145,8 @@ def test_an_echo_of_our_own_write_does_nothing(page: Page) -> None:
         ("cut_offset", 60.1),
         ("cut_offset", float("nan")),
         ("cut_offset", "5"),
+        ("tabs", ["Path", "Log", "Elsewhere"]),
+        ("tabs", 3),
         ("theme", None),
         (["undo"], None),
     ],

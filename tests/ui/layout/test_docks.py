@@ -1,0 +1,73 @@
+"""Docks build what a browser looks at once it does; it shows what it would always have shown."""
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from rona_core.session.document import Session
+from rona_core.session.files import load_session
+from rona_ui.panels.layout.docks import STEP_PANELS, TAB_PANELS, TABS, Docks
+from rona_ui.presentation.view_state import ViewState
+from rona_ui.viewer.fields import Fields
+from rona_ui.viewer.gateway import ViewerGateway
+from tests.helpers.ui.fake_gui import FakeGui
+from tests.ui.layout.test_hints import Recorded
+from tests.ui.layout.test_one_verdict import DEMO, NOTHING, snapshot
+
+PANELS = {**STEP_PANELS, **TAB_PANELS}
+
+
+@pytest.fixture(scope="module")
+def demo() -> Session:
+    return load_session(DEMO)
+
+
+@pytest.fixture
+def gui() -> Any:
+    gateway = ViewerGateway()
+    yield Recorded(gateway.server.gui)
+    gateway.close()
+
+
+@pytest.mark.filterwarnings("ignore:Queued a:UserWarning")
+def test_fields_and_tabs_are_built_when_they_are_opened_and_once(gui: Recorded) -> None:
+    docks = Docks(Fields(gui, lambda error, event: None), NOTHING)
+    labels = [label for _, label, _, _ in gui.controls]
+    assert "Page" in labels
+    assert not {"Seed", "Tolerance (mm)", "Highest force (N)"} & set(labels)
+    old = None
+    for step, tabs in (("setup", ()), ("smoothing", ("Log",)), ("setup", ("Log", "Quality"))):
+        new = snapshot(Session(), step, view=ViewState(step=step, open_tabs=frozenset(tabs)))
+        docks.render(old, new)
+        old = new
+        labels = [label for _, label, _, _ in gui.controls]
+        assert ("Tolerance (mm)" in labels) == (step == "smoothing" or "Log" in tabs)
+    assert labels.count("Tolerance (mm)") == 1
+    assert docks.build("setup", ("Log", "Quality", *TABS["smoothing"])) == frozenset()
+    assert docks.build("roll", ("Log",)) == {"roll"}
+    assert docks.build("roll", ("Force",)) == {"Force"}
+
+
+def drawn(gui: FakeGui) -> list[tuple[Any, ...]]:
+    """Return what a gui shows, without what was removed."""
+    return sorted(
+        (h.kind, str(h.label), str(h.content), str(h.value), h.visible, h.disabled)
+        for h in gui.handles
+        if not h.removed
+    )
+
+
+@pytest.mark.parametrize("name", PANELS)
+def test_a_panel_that_is_opened_late_shows_what_it_would_have_shown(
+    name: str, demo: Session
+) -> None:
+    step = name if name in STEP_PANELS else "maps"
+    empty = snapshot(Session(), step)
+    full = replace(snapshot(demo, step), figures={"outer_rms_mm": 0.2})
+    early, late = FakeGui(), FakeGui()
+    panel = PANELS[name](early, NOTHING)
+    panel.render(None, empty)
+    panel.render(empty, full)
+    PANELS[name](late, NOTHING).render(None, full)
+    assert drawn(early) == drawn(late)
