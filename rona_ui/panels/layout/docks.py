@@ -98,8 +98,8 @@ class TabsOfStep:
 class Docks:
     """Builds what a browser looks at, once it does, and draws snapshots into it.
 
-    The fields of a step are built when the step is opened, what a tab shows when the tab is; all
-    that is built follows the session from then on.
+    The fields of a step are built when the step is opened, and follow the session while it is open;
+    what a tab shows is built when the tab is, and follows from then on.
     """
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
@@ -113,6 +113,7 @@ class Docks:
         step_list = StepList(gui, context)
         panels: list[Panel] = [step_list, StepTitle(gui), TabsOfStep(gui)]
         self._steps: dict[str, StepPanel] = {}
+        self._drawn: dict[str, Snapshot] = {}  # what their fields show, of the hidden ones as well
         run_bar = RunBar(gui, context, self._steps)  # above the fields: it never scrolls away
         panels += [Refused(gui), run_bar]
         buttons = {**step_list.buttons, **run_bar.buttons}
@@ -148,10 +149,19 @@ class Docks:
         return frozenset(new)
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
-        """Bring every panel that is built from ``old`` to ``new``."""
+        """Bring what is looked at from ``old`` to ``new``."""
         view = new.view
         fresh = self.build(view.step, (*TABS[view.step], *view.open_tabs))
-        for name, panel in (*self._steps.items(), *self._in_tabs.items()):
-            panel.render(None if name in fresh else old, new)
+        for name, panel in self._steps.items():
+            last = self._drawn.get(name)
+            if (
+                last is None
+                or name in (view.step, last.view.step)
+                or last.session.id != new.session.id
+            ):
+                panel.render(last, new)
+                self._drawn[name] = new
+        for name, tab in self._in_tabs.items():
+            tab.render(None if name in fresh else old, new)
         for panel in self._panels:
             panel.render(old, new)

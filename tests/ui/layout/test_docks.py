@@ -71,3 +71,29 @@ def test_a_panel_that_is_opened_late_shows_what_it_would_have_shown(
     panel.render(empty, full)
     PANELS[name](late, NOTHING).render(None, full)
     assert drawn(early) == drawn(late)
+
+
+@pytest.mark.filterwarnings("ignore:Queued a:UserWarning")
+def test_fields_of_a_hidden_step_wait_and_then_show_what_has_changed(
+    gui: Recorded, demo: Session
+) -> None:
+    docks = Docks(Fields(gui, lambda error, event: None), NOTHING)
+    used = demo.results.smoothing.arguments["tolerance_mm"]
+    typed = used + 0.5
+    states = (
+        ("smoothing", Session(), typed),
+        ("roll", Session(), typed),
+        ("roll", demo, typed),
+        ("smoothing", demo, used),
+    )
+    old = None
+    for step, session, shown in states:
+        new = snapshot(replace(session, id="same"), step)
+        docks.render(old, new)
+        field = next(h for _, label, _, h in gui.controls if label == "Tolerance (mm)")
+        if old is None:
+            field.value = typed  # and nobody has sent it yet
+        assert field.value == pytest.approx(shown)
+        old = new
+    docks.render(old, snapshot(replace(Session(), id="another"), "roll"))
+    assert docks._drawn["smoothing"].session.id == "another"  # nothing is kept of one that closed

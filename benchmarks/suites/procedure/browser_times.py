@@ -1,0 +1,187 @@
+"""Times of the page beside those of an empty page of viser: a program of its own, not a suite.
+
+``python -m benchmarks.suites.procedure.browser_times`` takes the time to the first picture and its
+bytes, and the time from a click to what it shows, in the same browser and run; it needs the
+browser of the tests. For the clicks the scene is drawn at a twentieth of its resolution: what
+counts is the program, not the software that stands in for a graphics card.
+"""
+
+import statistics
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import viser
+
+from rona_core.app.declarations.registry import REGISTRY
+from tests.helpers.ui.browser_driver import PATIENCE_S, PUT, running_browser, running_server
+
+VISITS = 3  # each; the median counts
+ROUNDS = 4  # through the steps; the first one builds their fields
+SEEN = {"width": 1360, "height": 850}
+EMPTY = """() => new Promise((done) => {
+  const look = () => (window.__viserMutable?.camera && window.__viserSceneTree
+    ? requestAnimationFrame(() => requestAnimationFrame(done)) : setTimeout(look, 20));
+  look();
+})"""
+COARSE = """(() => {
+  const get = URLSearchParams.prototype.get;
+  URLSearchParams.prototype.get = function (name) {
+    return name === 'fixedDpr' ? '0.05' : get.call(this, name);
+  };
+})()"""
+# clicks a button of the docks; resolves with the milliseconds until the words are there
+CLICK = """([button, where, words]) => new Promise((done) => {
+  const buttons = [...document.querySelectorAll('button')];
+  const found = buttons.find((each) => each.textContent.trim() === button);
+  const there = () => [...document.querySelectorAll(where)].some(
+    (each) => each.textContent.trim() === words);
+  const begun = performance.now();
+  new MutationObserver((changes, self) => {
+    if (!there()) return;
+    self.disconnect();
+    done(performance.now() - begun);
+  }).observe(document.body, { subtree: true, childList: true, characterData: true });
+  found.click();
+})"""
+GOALS_MS = {"at rest": 100.0, "while a job runs": 150.0}
+
+
+class Visit:
+    """One load of a page, in a browser without anything kept."""
+
+    def __init__(self, browser: Any, address: str, there: Callable[[Any], None]) -> None:
+        context = browser.new_context(viewport=SEEN)
+        page = context.new_page()
+        page.set_default_timeout(PATIENCE_S * 1000)
+        self.socket_bytes, self.http_bytes = 0, 0
+        page.on("websocket", self._follow)
+        network = context.new_cdp_session(page)
+        network.send("Network.enable")
+        network.on("Network.loadingFinished", self._load)
+        begun_s = time.monotonic()
+        page.goto(address)
+        there(page)
+        self.seconds = time.monotonic() - begun_s
+        page.wait_for_timeout(3000)  # what comes behind the first picture counts as well
+        context.close()
+
+    def _follow(self, socket: Any) -> None:
+        socket.on("framereceived", self._count)
+
+    def _count(self, data: str | bytes) -> None:
+        self.socket_bytes += len(data)
+
+    def _load(self, event: Any) -> None:
+        self.http_bytes += int(event["encodedDataLength"])
+
+
+def uncovered(page: Any) -> None:
+    """Wait until the cover is gone: the picture is on the screen."""
+    page.locator("#splash").wait_for(state="attached")
+    page.locator("#splash").wait_for(state="hidden")
+
+
+@dataclass(frozen=True, slots=True)
+class Clicks:
+    """Milliseconds from clicks to what they show."""
+
+    empty: list[float]
+    first: list[float]  # on a step whose fields are not there yet
+    again: dict[str, list[float]]  # by what goes on meanwhile
+
+
+def empty_clicks(page: Any) -> list[float]:
+    """Return the times on the empty page: a button that counts its clicks."""
+    page.evaluate(EMPTY)
+    page.get_by_role("button", name="Count").wait_for()
+    return [
+        page.evaluate(CLICK, ["Count", ".counted", f"{number} clicks"])
+        for number in range(1, ROUNDS * len(REGISTRY.step_names))
+    ]
+
+
+def step_clicks(page: Any) -> tuple[list[float], dict[str, list[float]]]:
+    """Return the times from a click on a step to its title: for the first time, and again."""
+    uncovered(page)
+    page.wait_for_timeout(1000)
+    docks = next(frame for frame in page.frames if "/viewer" in frame.url)
+    titles = [
+        f"Step {number}: {REGISTRY.lines[name].title}"
+        for number, name in enumerate(REGISTRY.step_names, start=1)
+    ]
+
+    def visit(title: str) -> float:
+        took_ms = docks.evaluate(CLICK, [title, ".r-title", title])
+        page.wait_for_timeout(300)  # as long as somebody looks, at least
+        return took_ms
+
+    first = [visit(title) for title in (*titles[1:], titles[0])]
+    again = {"at rest": [visit(title) for _ in range(ROUNDS - 1) for title in titles[1:]]}
+    if page.evaluate(PUT, ["/jobs/StartSurfaceCapture", {}]) >= 300:
+        raise RuntimeError("no job was started")
+    again["while a job runs"] = [visit(title) for title in titles[1:]]
+    return first, again
+
+
+def take_clicks(browser: Any, empty_at: str, address: str) -> Clicks:
+    """Take the times of clicks on both pages."""
+    taken: list[Any] = []
+    for place, take in ((empty_at, empty_clicks), (address, step_clicks)):
+        page = browser.new_page(viewport=SEEN)
+        page.set_default_timeout(PATIENCE_S * 1000)
+        page.add_init_script(COARSE)
+        page.goto(place)
+        taken.append(take(page))
+        page.close()
+    return Clicks(taken[0], *taken[1])
+
+
+def empty_server() -> viser.ViserServer:
+    """Return a server of viser with a button that counts its clicks, and nothing else."""
+    server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
+    button, words, number = server.gui.add_button("Count"), server.gui.add_html(""), [0]
+
+    @button.on_click
+    def _(event: Any) -> None:
+        number[0] += 1
+        words.content = f'<div class="counted">{number[0]} clicks</div>'
+
+    return server
+
+
+def main() -> None:
+    """Print the figures."""
+    with tempfile.TemporaryDirectory() as folder, running_browser() as browser:
+        server = empty_server()
+        empty_at = f"http://127.0.0.1:{server.get_port()}"
+        with running_server(Path(folder)) as address:
+            Visit(browser, empty_at, lambda page: page.evaluate(EMPTY))  # shaders, caches
+            empty = [
+                Visit(browser, empty_at, lambda page: page.evaluate(EMPTY)) for _ in range(VISITS)
+            ]
+            ours = [Visit(browser, address, uncovered) for _ in range(VISITS)]
+            clicks = take_clicks(browser, empty_at, address)
+        server.stop()
+    for name, visits in (("empty viser page", empty), ("RONA", ours)):
+        seconds = [visit.seconds for visit in visits]
+        sizes = statistics.median(v.socket_bytes for v in visits) / 1e6
+        pages = statistics.median(v.http_bytes for v in visits) / 1e6
+        told = ", ".join(f"{s:.2f}" for s in seconds)
+        print(f"{name}: first picture {told} s; socket {sizes:.2f} MB, pages {pages:.2f} MB")
+    ratio = statistics.median(v.seconds for v in ours) / statistics.median(v.seconds for v in empty)
+    print(f"ratio {ratio:.2f} (goal 2.5)")
+    least_ms = statistics.median(clicks.empty)
+    print(f"click, empty viser page: {least_ms:.0f} ms")
+    print(f"click on a step for the first time: {statistics.median(clicks.first):.0f} ms")
+    for name, goal_ms in GOALS_MS.items():
+        took_ms = statistics.median(clicks.again[name])
+        told = f"{took_ms:.0f} ms (goal {goal_ms:.0f}), {took_ms / least_ms:.1f} x the empty page"
+        print(f"click on a step {name}: {told}")
+
+
+if __name__ == "__main__":
+    main()
