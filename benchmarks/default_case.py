@@ -11,6 +11,7 @@ from typing import Any
 DEFAULT: Mapping[str, Mapping[str, Any]] = {
     "procedure": {"suites.procedure.procedure.SEEDS": range(5)},
     "honesty": {
+        "suites.honesty.latency.SEEDS": range(40_200, 40_212),
         "suites.honesty.maps.SEEDS": range(40_000, 40_012),
         "suites.honesty.navigation.SEEDS": range(33_000, 33_024),
         "suites.honesty.thickness.SEEDS": range(45_000, 45_024),

@@ -239,6 +239,7 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
     },
     "honesty": {
         "suites.honesty.navigation.SEEDS": range(33_000, 33_002),
+        "suites.honesty.latency.SEEDS": (),
         "suites.honesty.maps.SEEDS": (),
         "suites.honesty.thickness.SEEDS": (10_003,),
         "suites.honesty.thickness.RADIUS_MM": 12.0,

@@ -9,12 +9,13 @@ from dataclasses import dataclass
 from types import ModuleType
 
 from benchmarks.metric import Metric, Progress
-from benchmarks.suites.honesty import maps, navigation, thickness
+from benchmarks.suites.honesty import latency, maps, navigation, thickness
 from benchmarks.suites.honesty.judged import Judged, grouped, honesty, rows
 from rona_core.errors import RonaError
 
 CASES: Mapping[str, ModuleType] = {
     "navigation": navigation,
+    "latency": latency,
     "maps": maps,
     "thickness": thickness,
 }

@@ -8,7 +8,6 @@ from benchmarks.reference.map_coverage import bands
 from benchmarks.suites.honesty.design import bench_of
 from benchmarks.suites.honesty.judged import Judged
 from rona_core.app.procedure import run_procedure
-from rona_core.app.steps.scan.probe_poses import pose_delay
 from rona_core.compose import build_virtual_rig
 from rona_core.errors import RonaError
 from rona_core.evaluation.scan_metrics import WRONG_MM, true_probe_poses
@@ -34,7 +33,7 @@ def judge(seed: int) -> list[Judged]:
         bench.close()
     if not ending.completed:
         raise RonaError(f"step {ending.failed_step}: {ending.reason}")
-    return [*maps(session, seed), *ascans(session, seed), *delay(session, seed)]
+    return [*maps(session, seed), *ascans(session, seed)]
 
 
 def maps(session: Session, seed: int) -> Iterator[Judged]:
@@ -68,12 +67,3 @@ def ascans(session: Session, seed: int) -> Iterator[Judged]:
     sure[sure] = np.abs(off[sure]) < WRONG_MM
     sigmas = value.thickness_sigma_mm[sure] * factor[sure]
     yield Judged("time of flight of A-scans (mm)", "local", seed, off[sure], sigmas, varies=True)
-
-
-def delay(session: Session, seed: int) -> Iterator[Judged]:
-    """Yield how late the joint angles arrive at the echoes."""
-    found = pose_delay(session)
-    if found is not None:
-        off = found.delay_s - session.setup.devices.robot.latency_ms / 1000.0
-        errors, sigmas = np.array([1000.0 * off]), np.array([1000.0 * found.sigma_s])
-        yield Judged("latency of the joint angles (ms)", "common", seed, errors, sigmas)

@@ -233,7 +233,6 @@ def test_ten_steps_by_hand_with_the_mouse_alone_then_saved_and_opened_again(
     page.locator("#logo").click()
     card = page.locator("#homefiles .card").filter(has_text="Bone")
     card.locator("img").wait_for()  # of the maps, taken when it was saved
-    surgeon.picture("home")
     card.click()
     surgeon.wait_state("Maps", "done")
     surgeon.come()  # the page anew: nothing that is shown may live in the browser

@@ -1,0 +1,34 @@
+"""Latency of the joint angles against the set one: procedures up to the first maps."""
+
+import numpy as np
+
+from benchmarks.suites.honesty.design import bench_of
+from benchmarks.suites.honesty.judged import Judged
+from rona_core.app.procedure import PROCEDURE, run_procedure
+from rona_core.app.steps.scan.probe_poses import pose_delay
+from rona_core.errors import RonaError
+
+SEEDS = range(40_200, 40_260)
+UP_TO_MAPS = PROCEDURE[: [step for step, _ in PROCEDURE].index("maps") + 1]
+
+
+def judge(seed: int) -> list[Judged]:
+    """Return the error of the latency and its predicted sigma.
+
+    Raises:
+        RonaError: the procedure did not come as far as the maps.
+    """
+    bench = bench_of(seed)
+    try:
+        ending = run_procedure(bench, messages=UP_TO_MAPS)
+        session = bench.session
+    finally:
+        bench.close()
+    if not ending.completed:
+        raise RonaError(f"step {ending.failed_step}: {ending.reason}")
+    found = pose_delay(session)
+    if found is None:
+        return []
+    off_s = found.delay_s - session.setup.devices.robot.latency_ms / 1000.0
+    errors, sigmas = np.array([1000.0 * off_s]), np.array([1000.0 * found.sigma_s])
+    return [Judged("latency of the joint angles (ms)", "common", seed, errors, sigmas)]
