@@ -39,6 +39,14 @@ MARGIN_SCALE_MAX: dict[Quantity, float] = {
 }
 
 
+def opening_step(snapshot: Snapshot) -> str:
+    """Return the step that a session opens at: its maps, or the last step before that was done."""
+    names = [state.name for state in snapshot.steps]
+    up_to_maps = snapshot.steps[: names.index("maps") + 1]
+    begun = [state.name for state in up_to_maps if state.state in ("done", "partial", "stale")]
+    return begun[-1] if begun else names[0]
+
+
 def shown_path(snapshot: Snapshot) -> PathView | None:
     """Return the shown path: the preview while the tolerance is dragged, else the result."""
     if snapshot.preview_mm is not None:

@@ -28,7 +28,7 @@ from rona_ui.presentation.camera import (
     about_pointer,
     camera_pose,
 )
-from rona_ui.presentation.shown import shown_preset
+from rona_ui.presentation.shown import opening_step, shown_preset
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.path.path_editing import STROKES, extended, point_at
@@ -87,8 +87,9 @@ class Browser:
     def draw(self, new: Snapshot) -> None:
         """Bring this browser to ``new``, in one go."""
         old = self._drawn
-        if old is not None and old.session.id != new.session.id:
-            self.change_view(lambda v: ViewState(step=v.step, open_tabs=v.open_tabs))
+        if old is None or old.session.id != new.session.id:
+            step = opening_step(new)
+            self.change_view(lambda v: ViewState(step=step, open_tabs=v.open_tabs))
             new = replace(new, view=self._view)
         self._listen(new)
         with self.client.atomic():

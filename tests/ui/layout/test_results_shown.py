@@ -23,7 +23,7 @@ from rona_ui.panels.layout.quality import QualityPanel
 from rona_ui.panels.maps.maps import MapsPanel, color_bar
 from rona_ui.panels.widgets.panel_context import PanelContext
 from rona_ui.presentation.colors import BLUE, VERMILLION
-from rona_ui.presentation.shown import shown_joints, shows_roll_preview
+from rona_ui.presentation.shown import opening_step, shown_joints, shows_roll_preview
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.maps.maps import MapLayer, ScanLayer
@@ -44,6 +44,13 @@ def demo() -> Session:
 def snapshot(session: Session, view: ViewState, **parts: Any) -> Snapshot:
     parts = {"judged": session, **parts}
     return Snapshot(session, view, step_states(session), LiveState(), **parts)
+
+
+def test_a_session_opens_where_it_has_come_to_and_no_further_than_its_maps(demo: Session) -> None:
+    assert opening_step(snapshot(demo, ViewState())) == "maps"
+    assert opening_step(snapshot(Session(), ViewState())) == "setup"
+    without = replace(demo.results, detection=None, maps=None)
+    assert opening_step(snapshot(replace(demo, results=without), ViewState())) == "scan"
 
 
 def test_in_the_roll_step_the_probe_stands_on_the_middle_of_the_path(demo: Session) -> None:
