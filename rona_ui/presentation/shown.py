@@ -47,6 +47,12 @@ def opening_step(snapshot: Snapshot) -> str:
     return begun[-1] if begun else names[0]
 
 
+def opening_view(old: Snapshot | None, new: Snapshot, view: ViewState) -> ViewState:
+    """Return the view that a session opens with; a step that was chosen since ``old`` stays."""
+    chosen = view.step != (ViewState() if old is None else old.view).step
+    return ViewState(step=view.step if chosen else opening_step(new), open_tabs=view.open_tabs)
+
+
 def shown_path(snapshot: Snapshot) -> PathView | None:
     """Return the shown path: the preview while the tolerance is dragged, else the result."""
     if snapshot.preview_mm is not None:

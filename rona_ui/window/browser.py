@@ -28,7 +28,7 @@ from rona_ui.presentation.camera import (
     about_pointer,
     camera_pose,
 )
-from rona_ui.presentation.shown import opening_step, shown_preset
+from rona_ui.presentation.shown import opening_view, shown_preset
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.path.path_editing import STROKES, extended, point_at
@@ -88,8 +88,8 @@ class Browser:
         """Bring this browser to ``new``, in one go."""
         old = self._drawn
         if old is None or old.session.id != new.session.id:
-            step = opening_step(new)
-            self.change_view(lambda v: ViewState(step=step, open_tabs=v.open_tabs))
+            opened = new
+            self.change_view(lambda v: opening_view(old, opened, v))
             new = replace(new, view=self._view)
         self._listen(new)
         with self.client.atomic():

@@ -71,6 +71,7 @@ PROJECT = """(places) => {
     return [box.left + (v.x + 1) / 2 * box.width, box.top + (1 - v.y) / 2 * box.height];
   });
 }"""
+SESSION = "() => JSON.parse(document.querySelector('[data-page]').dataset.state).session"
 OPEN_DEMO = "async () => (await (await fetch('/api/v1/sessions/demo', {method: 'POST'})).json()).id"
 PUT = """async ([path, body]) => (await fetch('/api/v1/sessions/current' + path, {method: 'POST',
   headers: {'Content-Type': 'application/json'}, body: JSON.stringify(body)})).status"""
@@ -84,7 +85,8 @@ NODES = """() => {
   const empty = ['/drawing', '/pointer', '/maps', '/path', '/scan', '/rolls', '/surface',
     '/edit', '/pattern', '/places', '/places/best', '/places/smallest',
     '/margins', '/obstacles', '/second', '/references', '/implant', '/bed', '/milling',
-    '/chance', '/head', '/sight', '/labels', '/landmarks', '/landmarks/label'];
+    '/chance', '/head', '/sight', '/labels', '/landmarks', '/landmarks/label',
+    '/robot', '/tracker'];
   return all.filter((n) => !empty.includes(n)).sort();
 }"""
 
@@ -207,8 +209,12 @@ class Surgeon:
     def open_demo(self) -> None:
         """Open the demo session as it is on file, beside the sessions that are open."""
         made = self.page.evaluate(OPEN_DEMO)
-        wait_for(lambda: self.ask("/sessions/current")["id"] == made, "the demo session")
+        self.wait_session(made)
         wait_for(lambda: self.states() == ["done"] * len(STEPS), "its steps")
+
+    def wait_session(self, key: str) -> None:
+        """Wait until the docks show a session: until then a step may be that of the one before."""
+        wait_for(lambda: self.frame.evaluate(SESSION) == key, "the session in the docks")
 
     def _viewer(self) -> Any:
         return next((f for f in self.page.frames if "/viewer" in f.url), None)

@@ -100,6 +100,7 @@ def new_session(surgeon: Surgeon) -> None:
         return surgeon.ask("/sessions/current")["id"] != before
 
     wait_for(there, "a new session")
+    surgeon.wait_session(surgeon.ask("/sessions/current")["id"])
     wait_for(lambda: surgeon.states()[1:3] == ["ready", "ready"], "its steps")
 
 

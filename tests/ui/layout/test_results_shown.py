@@ -23,7 +23,7 @@ from rona_ui.panels.layout.quality import QualityPanel
 from rona_ui.panels.maps.maps import MapsPanel, color_bar
 from rona_ui.panels.widgets.panel_context import PanelContext
 from rona_ui.presentation.colors import BLUE, VERMILLION
-from rona_ui.presentation.shown import opening_step, shown_joints, shows_roll_preview
+from rona_ui.presentation.shown import opening_step, opening_view, shown_joints, shows_roll_preview
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.maps.maps import MapLayer, ScanLayer
@@ -51,6 +51,16 @@ def test_a_session_opens_where_it_has_come_to_and_no_further_than_its_maps(demo:
     assert opening_step(snapshot(Session(), ViewState())) == "setup"
     without = replace(demo.results, detection=None, maps=None)
     assert opening_step(snapshot(replace(demo, results=without), ViewState())) == "scan"
+
+
+def test_a_step_that_is_chosen_before_the_session_is_drawn_stays(demo: Session) -> None:
+    new = snapshot(demo, ViewState())
+    last = snapshot(Session(), ViewState(step="tool"))
+    tabs = frozenset(("Log",))
+    opened = opening_view(last, new, ViewState(step="tool", open_tabs=tabs, cursor=0.5))
+    assert (opened.step, opened.open_tabs, opened.cursor) == ("maps", tabs, None)
+    assert opening_view(last, new, ViewState(step="path")).step == "path"
+    assert opening_view(None, new, ViewState()).step == "maps"
 
 
 def test_in_the_roll_step_the_probe_stands_on_the_middle_of_the_path(demo: Session) -> None:
