@@ -88,8 +88,7 @@ class Browser:
         """Bring this browser to ``new``, in one go."""
         old = self._drawn
         if old is None or old.session.id != new.session.id:
-            opened = new
-            self.change_view(lambda v: opening_view(old, opened, v))
+            self.change_view(lambda v: opening_view(old, new, v))
             new = replace(new, view=self._view)
         self._listen(new)
         with self.client.atomic():

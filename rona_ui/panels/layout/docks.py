@@ -138,15 +138,15 @@ class Docks:
         return tabs
 
     def build(self, step: str, tabs: Iterable[str]) -> frozenset[str]:
-        """Build the fields of a step and what tabs show; return the names of what is new."""
-        new = {name for name in tabs if name not in self._in_tabs}
+        """Build the fields of a step and what tabs show; return the names of the new tabs."""
         if step not in self._steps:
             self._steps[step] = STEP_PANELS[step](self._gui, self._context)
-            new.add(step)
-        for name in new & TAB_PANELS.keys():
-            with self._tabs[name]:
-                self._in_tabs[name] = TAB_PANELS[name](self._gui, self._context)
-        return frozenset(new)
+        before = frozenset(self._in_tabs)
+        for name in tabs:
+            if name not in self._in_tabs:
+                with self._tabs[name]:
+                    self._in_tabs[name] = TAB_PANELS[name](self._gui, self._context)
+        return frozenset(self._in_tabs) - before
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Bring what is looked at from ``old`` to ``new``."""

@@ -35,18 +35,20 @@ def test_fields_and_tabs_are_built_when_they_are_opened_and_once(gui: Recorded) 
     docks = Docks(Fields(gui, lambda error, event: None), NOTHING)
     labels = [label for _, label, _, _ in gui.controls]
     assert "Page" in labels
-    assert not {"Seed", "Tolerance (mm)", "Highest force (N)"} & set(labels)
+    assert not {"Seed", "Tolerance (mm)"} & set(labels)
     old = None
-    for step, tabs in (("setup", ()), ("smoothing", ("Log",)), ("setup", ("Log", "Quality"))):
+    for step, tabs, expected in (
+        ("setup", (), {"Seed": 1, "Tolerance (mm)": 0, "Horizontal axis": 0}),
+        ("smoothing", ("Force",), {"Seed": 1, "Tolerance (mm)": 1, "Horizontal axis": 1}),
+        ("setup", ("Force", "Log"), {"Seed": 1, "Tolerance (mm)": 1, "Horizontal axis": 1}),
+    ):
         new = snapshot(Session(), step, view=ViewState(step=step, open_tabs=frozenset(tabs)))
         docks.render(old, new)
         old = new
         labels = [label for _, label, _, _ in gui.controls]
-        assert ("Tolerance (mm)" in labels) == (step == "smoothing" or "Log" in tabs)
-    assert labels.count("Tolerance (mm)") == 1
-    assert docks.build("setup", ("Log", "Quality", *TABS["smoothing"])) == frozenset()
-    assert docks.build("roll", ("Log",)) == {"roll"}
-    assert docks.build("roll", ("Force",)) == {"Force"}
+        assert {label: labels.count(label) for label in expected} == expected
+    assert docks.build("setup", ("Log", "Force", *TABS["smoothing"])) == frozenset()
+    assert docks.build("setup", ("Log", "Checks")) == {"Checks"}
 
 
 def drawn(gui: FakeGui) -> list[tuple[Any, ...]]:
