@@ -27,13 +27,13 @@ from rona_core.calibration.error_propagation import MapSetup, predict_map_error
 from rona_core.calibration.hand_eye.hand_eye import solve_hand_eye
 from rona_core.calibration.hand_eye.published_method import solve_paper
 from rona_core.calibration.handheld.pointer import calibrate_pointer
+from rona_core.calibration.surface_registration import point_surface, register_surface
 from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.errors import RonaError
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.geometry.pose_covariance import point_jacobians
 from rona_core.geometry.rigid_fit import register_points
-from rona_core.surface.icp import point_surface, register_surface
 
 TRIALS = 300
 MAPS, PIVOT_FRAMES, PLACES = 60, 300, 40

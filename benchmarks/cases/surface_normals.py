@@ -14,9 +14,9 @@ from benchmarks.metric import Metric, Progress, cpu_ms, over_seeds
 from rona_core.app.procedure import PROCEDURE, run_procedure
 from rona_core.compose import new_workbench
 from rona_core.geometry.arrays import Bools, Floats
+from rona_core.geometry.surface.normals.normal_estimator import NormalMethod
+from rona_core.geometry.surface.normals.normals import NormalField, Normals
 from rona_core.session.document import Session, Setup
-from rona_core.surface.normals.normal_estimator import NormalMethod
-from rona_core.surface.normals.normals import NormalField, Normals
 
 R, SIGMA, HALF_RAD = 80.0, 0.35, np.deg2rad(60.0)
 INNER_RAD = np.deg2rad(47.0)  # further out a ball of 15 mm would reach over the rim

@@ -15,7 +15,7 @@ import rona_core
 
 def public_packages() -> list[str]:
     """Return the packages that say what they export."""
-    names = [f"rona_core.{m.name}" for m in pkgutil.iter_modules(rona_core.__path__) if m.ispkg]
+    names = [m.name for m in pkgutil.walk_packages(rona_core.__path__, "rona_core.") if m.ispkg]
     return ["rona_core", *(n for n in names if hasattr(importlib.import_module(n), "__all__"))]
 
 

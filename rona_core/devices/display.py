@@ -5,16 +5,9 @@ from typing import Protocol
 
 from numpy.typing import ArrayLike
 
-from rona_core.geometry.arrays import Floats, Ints, Vector3
+from rona_core.geometry.arrays import Floats, Vector3
+from rona_core.geometry.mesh import Mesh
 from rona_core.geometry.pose import Pose
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Mesh:
-    """A triangle mesh for the eye: vertices (n, 3) in mm, faces (m, 3)."""
-
-    vertices: Floats
-    faces: Ints
 
 
 @dataclass(frozen=True, slots=True, eq=False)

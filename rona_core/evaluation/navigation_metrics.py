@@ -15,9 +15,9 @@ from rona_core.geometry.pose import Pose
 if TYPE_CHECKING:
     from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
     from rona_core.calibration.handheld.pointer import PointerCalibration
+    from rona_core.calibration.surface_registration import SurfaceRegistration
+    from rona_core.geometry.surface.cloud import SurfaceCloud
     from rona_core.session.captures import PointerCapture
-    from rona_core.surface.cloud import SurfaceCloud
-    from rona_core.surface.icp import SurfaceRegistration
 
 
 def tool_figures(

@@ -1,4 +1,4 @@
-"""Poses with covariance, frame graph, least-squares fits, robust statistics and the 5D path."""
+"""Poses with covariance, frame graph, fits, robust statistics, meshes, surfaces, the 5D path."""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any

@@ -10,11 +10,14 @@ from typing import Any, Generic, Literal, TypeVar
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.calibration.handheld.pointer import PointerCalibration
 from rona_core.calibration.handheld.tracked_probe import SonoCalibration
+from rona_core.calibration.surface_registration import SurfaceRegistration
 from rona_core.devices.settings import DeviceSettings, require, require_within
 from rona_core.devices.workcell import Surroundings
 from rona_core.devices.world_settings import WorldSettings
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.path5d import Path5D
+from rona_core.geometry.surface.cloud import SurfaceCloud
+from rona_core.geometry.surface.normals.normals import Normals
 from rona_core.mapping.boundary_map import Maps
 from rona_core.mapping.second_pass import SecondPassPath
 from rona_core.path.manual_edits import PathEdits
@@ -34,9 +37,6 @@ from rona_core.session.captures import (
 )
 from rona_core.session.codec import OMIT_EMPTY, OpenType
 from rona_core.session.specimen import BoneChoice, LoadedSkull, SimulatedSkull
-from rona_core.surface.cloud import SurfaceCloud
-from rona_core.surface.icp import SurfaceRegistration
-from rona_core.surface.normals.normals import Normals
 from rona_core.ultrasound.acoustic_calibration.delay_line import DelayLine
 from rona_core.ultrasound.acoustic_calibration.expected_performance import WhatIf
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import SpeedCalibration

@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.devices.display import DrawnHead, Mesh
+from rona_core.devices.display import DrawnHead
 from rona_core.devices.protocols import Origin
 from rona_core.devices.settings import DeviceSettings
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Vector3, as_vector3
+from rona_core.geometry.mesh import Mesh
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.robot_model import RobotModel

@@ -3,9 +3,10 @@
 from dataclasses import dataclass
 from typing import Any
 
-from rona_core.devices.display import DrawnHead, Mesh
+from rona_core.devices.display import DrawnHead
 from rona_core.devices.protocols import Rig
 from rona_core.geometry.arrays import Floats, Vector3
+from rona_core.geometry.mesh import Mesh
 from rona_core.geometry.pose import Pose
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.codec import digest

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.devices.display import Mesh
 from rona_core.geometry.arrays import Bools, Floats, Ints, Vector3
+from rona_core.geometry.mesh import Mesh
 from rona_ui.presentation.camera import SURGEON
 from rona_ui.presentation.colors import VERMILLION, WHITE, Rgb
 from rona_ui.presentation.snapshot import Snapshot

@@ -4,8 +4,8 @@ import numpy as np
 
 from rona_core.app.steps.implant.implant_bed import LACKS, ImplantBed
 from rona_core.app.steps.implant.view import MillingView, outline_base
-from rona_core.devices.display import Mesh
 from rona_core.geometry.arrays import Bools, Floats
+from rona_core.geometry.mesh import Mesh
 from rona_core.mapping.boundary_map import Maps
 from rona_core.planning.bed import Bed
 from rona_core.planning.milling.milling_path import Move

@@ -5,8 +5,8 @@ import time
 import numpy as np
 
 from rona_core.app.steps.implant.bone_left import BoneOverBed, bone_left_mm, bone_over_bed
-from rona_core.devices.display import Mesh
 from rona_core.geometry.arrays import Floats
+from rona_core.geometry.mesh import Mesh
 from rona_core.geometry.pose import Pose
 from rona_core.mapping.boundary_map import BoundaryMap
 from rona_ui.presentation.colors import BONE, BONE_RIM

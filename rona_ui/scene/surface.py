@@ -3,8 +3,8 @@
 import numpy as np
 import trimesh
 
-from rona_core.devices.display import Mesh
 from rona_core.geometry.arrays import Floats
+from rona_core.geometry.mesh import Mesh
 from rona_core.session.document import Session
 from rona_core.session.specimen import LoadedSkull
 from rona_ui.presentation.colors import GREEN, PURPLE, SKY

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
-from rona_core.devices.display import Mesh
 from rona_core.geometry.arrays import Bools, Floats, Ints
+from rona_core.geometry.mesh import Mesh
 from rona_core.geometry.pose import Pose
 from rona_ui.presentation.colors import Rgb, viridis
 from rona_ui.viewer.unseen_node import UnseenNode

@@ -17,7 +17,9 @@ from examples import gallery
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = [
     f"rona_core.{name}"
-    for name in "geometry devices calibration surface path robot ultrasound mapping session".split()
+    for name in (
+        "geometry geometry.surface devices calibration path robot ultrasound mapping session"
+    ).split()
 ]
 
 

@@ -14,8 +14,8 @@ from rona_core.evaluation.navigation_metrics import tip_errors
 from rona_core.evaluation.truth import Truth, truth_of
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose_covariance import point_jacobians
+from rona_core.geometry.surface.normals.normals import NormalField
 from rona_core.session.document import Session
-from rona_core.surface.normals.normals import NormalField
 
 SEEDS = range(33_000, 33_120)
 STEPS = (StartToolCapture(), StartPointerCapture(), StartSurfaceCapture(duration_s=40.0))

@@ -5,9 +5,11 @@ from collections.abc import Callable
 import numpy as np
 
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
+from rona_core.calibration.surface_registration import SurfaceRegistration
 from rona_core.devices.workcell import workcell_pose
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.arrays import Vector3
+from rona_core.geometry.surface.cloud import SurfaceCloud
 from rona_core.robot.collision.head_obstacle import head_as_placed, head_from_cloud, head_from_mesh
 from rona_core.robot.collision.obstacles import (
     Obstacle,
@@ -21,8 +23,6 @@ from rona_core.session.captures import PointerCapture
 from rona_core.session.document import Session
 from rona_core.session.memo import Memo
 from rona_core.session.specimen import LoadedSkull
-from rona_core.surface.cloud import SurfaceCloud
-from rona_core.surface.icp import SurfaceRegistration
 
 UP = np.array((0.0, 0.0, 1.0))
 

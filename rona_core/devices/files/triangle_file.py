@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from rona_core.devices.display import Mesh
 from rona_core.devices.files.reader_process import Found, read_apart
 from rona_core.errors import InvalidInputError
+from rona_core.geometry.mesh import Mesh
 
 MESH_SUFFIXES = (".stl", ".ply", ".obj")
 

@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import KDTree
 
-from rona_core.devices.display import Mesh
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.arrays import Bools, Floats, readonly
+from rona_core.geometry.mesh import Mesh
+from rona_core.geometry.surface.raycast import MeshRaycaster
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.mapping.comparison.reference_bone import ReferenceBone
 from rona_core.mapping.files.map_mesh import cell_triangles
-from rona_core.surface.raycast import MeshRaycaster
 
 REACH_MM = 10.0  # beyond it a surface is another one
 LEAST_COSINE = 0.5  # between ray and normal: a side wall of a cut-out plate is no table of bone

@@ -12,13 +12,17 @@ from numpy.typing import ArrayLike
 from scipy.spatial import KDTree
 from trimesh.remesh import subdivide_to_size
 
-from rona_core.devices.display import Mesh
+from rona_core.calibration.surface_registration import (
+    SurfaceRegistration,
+    point_surface,
+    register_surface,
+)
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Floats, as_points
+from rona_core.geometry.mesh import Mesh
 from rona_core.geometry.pose import Pose
 from rona_core.geometry.rigid_fit import register_points
 from rona_core.mapping.boundary_map import Maps
-from rona_core.surface.icp import SurfaceRegistration, point_surface, register_surface
 
 Registration = Literal["none", "points", "surface", "both"]
 

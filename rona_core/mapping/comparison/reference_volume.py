@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from rona_core.devices.display import Mesh
 from rona_core.devices.files.voxels.voxel_reader import grey_values, open_voxels
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Floats
+from rona_core.geometry.mesh import Mesh
 from rona_core.geometry.surface_nets import Reals, surface_nets
 from rona_core.mapping.comparison.reference_bone import ReferenceBone
 

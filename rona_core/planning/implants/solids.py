@@ -13,10 +13,10 @@ import shapely
 import trimesh
 from shapely.geometry import LineString, Point, Polygon, box
 
-from rona_core.devices.display import Mesh
 from rona_core.devices.files.triangle_file import read_triangles
 from rona_core.devices.settings import require, require_within
 from rona_core.geometry.arrays import Floats, Ints, readonly
+from rona_core.geometry.mesh import Mesh
 
 LEAST_MM, MOST_MM = 1.0, 120.0  # of any side: smaller or larger is a mix-up of units
 MOST_RISE_MM = 20.0  # of a solid above the plane z = 0

@@ -11,8 +11,8 @@ import numpy as np
 import trimesh
 from numpy.typing import ArrayLike
 
-from rona_core.devices.display import Mesh
 from rona_core.geometry.arrays import Floats, readonly
+from rona_core.geometry.mesh import Mesh
 from rona_core.geometry.pose import Pose
 
 AROUND = 26  # vertices around a turned part

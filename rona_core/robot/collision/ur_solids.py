@@ -4,7 +4,7 @@ Their hulls are the collision bodies of these arms, and they are what is drawn o
 is nearly convex, so that its hull is a close bound.
 """
 
-from rona_core.devices.display import Mesh
+from rona_core.geometry.mesh import Mesh
 from rona_core.robot.collision.solids import Solid, along_axis, merged, turned
 from rona_core.robot.kinematics.offset_wrist import ParallelArm
 

@@ -9,9 +9,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from rona_core.devices.display import Mesh
 from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.errors import InvalidInputError
+from rona_core.geometry.mesh import Mesh
 from rona_core.robot.collision.solids import (
     along_axis,
     ball,

@@ -10,8 +10,8 @@ import numpy as np
 from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.geometry.arrays import Bools, Floats, dots, readonly
 from rona_core.geometry.pose import Pose, Poses
+from rona_core.geometry.surface.raycast import MeshRaycaster
 from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.surface.raycast import MeshRaycaster
 from rona_core.virtual.scene import VirtualScene
 from rona_core.virtual.tracker.line_of_sight_capsules import Capsules, link_capsules
 

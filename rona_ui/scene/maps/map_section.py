@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from rona_core.devices.display import Mesh
 from rona_core.geometry.arrays import Bools, Floats
+from rona_core.geometry.mesh import Mesh
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_ui.presentation.colors import BONE_RIM, ORANGE, SKY
 from rona_ui.presentation.shown import shown_maps, shown_maps_key

@@ -4,9 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rona_core.app.steps.maps.volume import echo_volume, volume_surface
-from rona_core.devices.display import Mesh
 from rona_core.errors import RonaError
 from rona_core.geometry.arrays import Floats, Ints
+from rona_core.geometry.mesh import Mesh
 from rona_core.geometry.pose import Pose
 from rona_core.mapping.volume.echo_volume import EchoVolume
 from rona_core.mapping.volume.iso_surface import IsoSurface

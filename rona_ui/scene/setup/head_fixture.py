@@ -6,8 +6,8 @@ Scenery: it is no obstacle, and stays below the middle of the head, away from wh
 import numpy as np
 import trimesh
 
-from rona_core.devices.display import Mesh
 from rona_core.geometry.arrays import Floats, Vector3
+from rona_core.geometry.mesh import Mesh
 from rona_core.geometry.pose import Pose
 from rona_core.robot.collision.solids import merged, rod
 

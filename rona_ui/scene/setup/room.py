@@ -7,9 +7,9 @@ stands where the set-up says; the rest is scenery and no obstacle.
 import numpy as np
 
 from rona_core.app.dependencies.staleness import session_obstacles
-from rona_core.devices.display import Mesh
 from rona_core.devices.workcell import workcell_pose
 from rona_core.geometry.arrays import Floats, Ints, Vector3
+from rona_core.geometry.mesh import Mesh
 from rona_core.geometry.pose import Pose
 from rona_core.robot.collision.solids import turned
 from rona_core.session.document import Session

@@ -4,10 +4,10 @@ import numpy as np
 import trimesh
 from trimesh.transformations import translation_matrix
 
-from rona_core.devices.display import Mesh
 from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.tracker_volumes import VOLUMES, Volume
 from rona_core.geometry.arrays import Floats
+from rona_core.geometry.mesh import Mesh
 from rona_core.geometry.pose import Pose
 from rona_core.robot.collision.solids import merged, rod
 from rona_ui.presentation.colors import STEEL

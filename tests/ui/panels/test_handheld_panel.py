@@ -12,8 +12,8 @@ from rona_core.app.steps.handheld.messages import (
     StartHandheldScan,
 )
 from rona_core.compose import new_workbench
-from rona_core.devices.display import Mesh
 from rona_core.devices.live import LiveState
+from rona_core.geometry.mesh import Mesh
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
 from rona_ui.panels.handheld import HandheldControls

@@ -4,7 +4,7 @@ import numpy as np
 
 from rona_core.app.runtime.handling import handle
 from rona_core.app.steps.setup.messages import AddObstacle, RemoveObstacle, SetWorkcell
-from rona_core.devices.display import Mesh
+from rona_core.geometry.mesh import Mesh
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
 from rona_ui.panels.setup.setup import SetupPanel

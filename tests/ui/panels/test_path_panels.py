@@ -28,9 +28,9 @@ from rona_core.app.steps.smoothing.messages import SmoothScanPath
 from rona_core.app.steps.smoothing.path_view import path_view, preview_path
 from rona_core.app.steps.surface.messages import BuildSurface
 from rona_core.app.steps.tool.messages import RegisterTool
-from rona_core.devices.display import Mesh
 from rona_core.devices.live import LiveState
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
+from rona_core.geometry.mesh import Mesh
 from rona_core.path.painted_regions import PaintedStroke
 from rona_core.session.document import Session
 from rona_core.session.files import load_session

@@ -6,9 +6,9 @@ import numpy as np
 
 from rona_core.app.runtime.jobs import JobStatus
 from rona_core.app.steps.surface.messages import StartSkullRegistration
+from rona_core.geometry.surface.cloud import SurfaceCloud
 from rona_core.session.document import Derived, Session
 from rona_core.session.specimen import LoadedSkull
-from rona_core.surface.cloud import SurfaceCloud
 from rona_ui.panels.surface import SurfacePanel
 from rona_ui.presentation.view_state import ViewState
 from tests.helpers.ui.fake_gui import FakeGui

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from rona_core.devices.display import Mesh
 from rona_core.devices.live import LiveState
+from rona_core.geometry.mesh import Mesh
 from rona_core.geometry.pose import Pose
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import Session

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rona_core.app.dependencies.step_states import step_states
-from rona_core.devices.display import Mesh
 from rona_core.devices.live import LiveState
+from rona_core.geometry.mesh import Mesh
 from rona_core.geometry.pose import Pose
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.session.document import Session

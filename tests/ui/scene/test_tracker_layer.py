@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from rona_core.app.dependencies.step_states import step_states
-from rona_core.devices.display import Mesh
 from rona_core.devices.live import LiveState
 from rona_core.devices.settings import TrackerSettings
 from rona_core.devices.tracker_volumes import SILO, VOLUMES
+from rona_core.geometry.mesh import Mesh
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
 from rona_ui.presentation.snapshot import Snapshot

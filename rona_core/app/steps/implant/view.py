@@ -13,9 +13,9 @@ from rona_core.app.messages.serialization import message_from
 from rona_core.app.steps.implant.derivation import milling_settings
 from rona_core.app.steps.implant.implant_bed import ImplantBed, PlacedBed
 from rona_core.app.steps.implant.messages import PlaceBed
-from rona_core.devices.display import Mesh
 from rona_core.errors import StaleResultError, StepBlockedError
 from rona_core.geometry.arrays import Floats, as_vector3, readonly
+from rona_core.geometry.mesh import Mesh
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.planning.bed import Bed
 from rona_core.planning.implants.catalogue import implant_named

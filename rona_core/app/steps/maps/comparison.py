@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.maps.accuracy.map_accuracy import map_accuracy
-from rona_core.devices.display import Mesh
 from rona_core.devices.files.triangle_file import MESH_SUFFIXES, read_triangles
 from rona_core.devices.files.voxels.voxel_reader import VOLUME_SUFFIXES
 from rona_core.errors import InvalidInputError, StaleResultError
 from rona_core.geometry.arrays import Floats
+from rona_core.geometry.mesh import Mesh
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.mapping.comparison.map_errors import (
     ErrorFigures,

@@ -10,10 +10,10 @@ from rona_core.app.steps.surface.derivation import tip_track
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.arrays import Vector3
 from rona_core.geometry.rigid_fit import fit_plane
+from rona_core.geometry.surface.surface_pick import project_to_surface
 from rona_core.path.height_field import fit_height_field
 from rona_core.path.scan_patterns import patch_pose, raster, spiral
 from rona_core.session.document import RawPath, Session
-from rona_core.surface.surface_pick import project_to_surface
 
 RIM_CORNERS = 72  # of a round boundary
 PATTERN_STEP_MM = 1.0

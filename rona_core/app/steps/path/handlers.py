@@ -15,9 +15,9 @@ from rona_core.app.runtime.handling import compute_result
 from rona_core.app.steps.path import messages
 from rona_core.errors import InvalidInputError, StaleResultError
 from rona_core.geometry.arrays import Floats, Vector3, as_vector3
+from rona_core.geometry.surface.surface_pick import pick_surface_point, project_to_surface
 from rona_core.path.manual_edits import PathEdit, PathEdits, edit_path
 from rona_core.session.document import Session, SmoothPath
-from rona_core.surface.surface_pick import pick_surface_point, project_to_surface
 
 PICK_MM = 5.0  # a click farther from every point means none of them
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
+from rona_core.geometry.surface.normals.normals import REASONS, thin_places
 from rona_core.session.document import Session
-from rona_core.surface.normals.normals import REASONS, thin_places
 from rona_core.ultrasound.probe.beam import half_echo_tilt_deg
 from rona_core.ultrasound.probe.probe_model import probe_model
 

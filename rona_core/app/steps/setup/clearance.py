@@ -8,9 +8,9 @@ import numpy as np
 import trimesh
 
 from rona_core.app.dependencies.staleness import session_obstacles
-from rona_core.devices.display import Mesh
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats
+from rona_core.geometry.mesh import Mesh
 from rona_core.robot.collision.collision_geometry import collision_bodies
 from rona_core.robot.collision.collision_world import CollisionWorld
 from rona_core.robot.collision.obstacles import Box, Capsule, Hull, Obstacle, Obstacles

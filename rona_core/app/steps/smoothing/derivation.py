@@ -10,13 +10,13 @@ from rona_core.app.steps.path.painting import require_none_avoided
 from rona_core.app.steps.smoothing.messages import SmoothScanPath
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.arrays import Floats, readonly
+from rona_core.geometry.surface.normals.normals import NormalField
 from rona_core.path.densify import densify, insert_waypoints
 from rona_core.path.manual_edits import EditedPath, distances_to_edited, edit_path
 from rona_core.path.simplification.error_bound import ErrorBound
 from rona_core.path.simplification.simplify import SimplifiedPath, simplify
 from rona_core.path.temporal_filter import filter_path
 from rona_core.session.document import Session, SmoothPath
-from rona_core.surface.normals.normals import NormalField
 
 DOUBTFUL = ("one_sided", "uncertain")  # flags of normals that serve where there are no better
 

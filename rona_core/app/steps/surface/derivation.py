@@ -8,9 +8,9 @@ from rona_core.devices.live import LiveState
 from rona_core.errors import DegenerateGeometryError, StepBlockedError
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose
+from rona_core.geometry.surface.cloud import SurfaceCloud, build_cloud, merge_clouds
 from rona_core.session.captures import PointerCapture
 from rona_core.session.document import Session
-from rona_core.surface.cloud import SurfaceCloud, build_cloud, merge_clouds
 
 
 def tip_track(session: Session, capture: PointerCapture) -> Floats:

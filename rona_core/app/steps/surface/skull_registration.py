@@ -10,13 +10,18 @@ import numpy as np
 
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.steps.surface.messages import StartSkullRegistration
+from rona_core.calibration.surface_registration import (
+    Closest,
+    SurfaceRegistration,
+    point_surface,
+    register_surface,
+)
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.errors import DegenerateGeometryError, StepBlockedError
 from rona_core.geometry.arrays import Floats, Vector3
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
 from rona_core.session.specimen import LoadedSkull
-from rona_core.surface.icp import Closest, SurfaceRegistration, point_surface, register_surface
 
 NORMAL_PATCH_MM = 10.0  # over which the normals at the middle of the region are averaged
 COARSE_POINTS = 300  # of the cloud, while the turns are tried

@@ -4,7 +4,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import KDTree
 
-from rona_core.devices.display import Mesh
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import (
     Floats,
@@ -13,6 +12,7 @@ from rona_core.geometry.arrays import (
     as_vector3,
     readonly,
 )
+from rona_core.geometry.mesh import Mesh
 from rona_core.session.specimen import LoadedSkull
 from rona_core.virtual.specimen.boundaries import Region, as_rays
 from rona_core.virtual.specimen.bsplines import SplineVolume

@@ -3,9 +3,10 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.devices.display import DrawnHead, Mesh
+from rona_core.devices.display import DrawnHead
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, Ints, as_points, as_vector3, readonly
+from rona_core.geometry.mesh import Mesh
 from rona_core.session.specimen import Side
 from rona_core.virtual.specimen.boundaries import Region, as_rays
 from rona_core.virtual.specimen.simulated.atlas import Atlas

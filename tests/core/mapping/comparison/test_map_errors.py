@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from rona_core.devices.display import Mesh
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
+from rona_core.geometry.mesh import Mesh
 from rona_core.geometry.pose import Pose
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.mapping.comparison.map_errors import NAMES, MapErrors, compare_with_bone, figures_of

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from rona_core.devices.display import Mesh
 from rona_core.errors import InvalidInputError, NotFoundError
+from rona_core.geometry.mesh import Mesh
 from rona_core.planning.implants.catalogue import CATALOGUE, implant_named
 from rona_core.planning.implants.implant import Dimension, Implant
 from rona_core.planning.implants.solids import Prism, Stack, closed_mesh, cylinder, stadium

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from rona_core.devices.display import Mesh
 from rona_core.errors import InvalidInputError
+from rona_core.geometry.mesh import Mesh
 from rona_core.planning.implants.solids import (
     Prism,
     Stack,

@@ -7,8 +7,8 @@ import pytest
 import shapely
 import trimesh
 
-from rona_core.devices.display import Mesh
 from rona_core.errors import InvalidInputError
+from rona_core.geometry.mesh import Mesh
 from rona_core.planning.implants.catalogue import implant_named
 from rona_core.planning.implants.implant import Implant
 from rona_core.planning.implants.solids import (

@@ -24,6 +24,7 @@ from rona_core.app.steps.maps.accuracy.probe_place import (
 from rona_core.devices.settings import ProbeSettings
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose
+from rona_core.geometry.surface.cloud import SurfaceCloud
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.mapping.cloud_fusion import PATCH_MM, CloudPrior, FusedCloud, fuse_cloud
 from rona_core.mapping.fitting.plate_field import ROUGHNESS_MM, PlateField, fit_field
@@ -31,7 +32,6 @@ from rona_core.mapping.map_grid import NEAR_MM
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
 from rona_core.session.memo import remember
-from rona_core.surface.cloud import SurfaceCloud
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
     SpeedCalibration,
     uncalibrated,

@@ -9,7 +9,7 @@ does not have (Gasser 1986); what else they show is what the average rounds off 
 import numpy as np
 
 from rona_core.geometry.arrays import Bools, Floats, readonly
-from rona_core.surface.cloud import SurfaceCloud
+from rona_core.geometry.surface.cloud import SurfaceCloud
 
 ORDER = 4  # of differences
 GAIN = 70.0  # sum of squares of 1, -4, 6, -4, 1: variance of such a difference of white noise

@@ -7,9 +7,9 @@ import trimesh
 from numpy.typing import ArrayLike
 from trimesh.ray import ray_pyembree
 
-from rona_core.devices.display import Mesh
 from rona_core.errors import DeviceError, InvalidInputError
 from rona_core.geometry.arrays import Floats, as_points, as_unit_vectors
+from rona_core.geometry.mesh import Mesh
 
 
 class MeshRaycaster:

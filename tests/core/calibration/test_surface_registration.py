@@ -4,10 +4,10 @@ import trimesh
 from hypothesis import given, settings
 from scipy.spatial.transform import Rotation
 
+from rona_core.calibration.surface_registration import point_surface, register_surface
 from rona_core.errors import CancelledError, DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.pose import Pose
 from rona_core.geometry.pose_covariance import deviation_between
-from rona_core.surface.icp import point_surface, register_surface
 from tests.helpers.strategies import cap_directions, random_pose, seeds
 
 HALF_AXES_MM = np.array((75.0, 95.0, 72.0))

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from rona_core.geometry.arrays import Floats, Ints
-from rona_core.surface.normals.neighbourhood_fits import (
+from rona_core.geometry.surface.normals.neighbourhood_fits import (
     COEFFICIENTS,
     Neighbourhoods,
     Planes,

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
-from rona_core.surface.surface_pick import pick_surface_point, project_to_surface
+from rona_core.geometry.surface.surface_pick import pick_surface_point, project_to_surface
 from tests.helpers.strategies import random_pose, seeds
 
 few = settings(max_examples=25, deadline=None)

@@ -9,14 +9,14 @@ from scipy.spatial import KDTree
 
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, as_points, as_vector3, readonly
-from rona_core.surface.normals.neighbourhood_radius import (
+from rona_core.geometry.surface.normals.neighbourhood_radius import (
     RADII_MM,
     RadiusChoice,
     centred,
     choose_radius,
     measure_noise_mm,
 )
-from rona_core.surface.normals.normal_estimator import (
+from rona_core.geometry.surface.normals.normal_estimator import (
     EDGE_ON,
     METHODS,
     ONE_SIDED,

@@ -5,10 +5,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from rona_core.devices.display import Mesh
 from rona_core.errors import DeviceError, InvalidInputError
-from rona_core.surface import raycast
-from rona_core.surface.raycast import MeshRaycaster
+from rona_core.geometry.mesh import Mesh
+from rona_core.geometry.surface import raycast
+from rona_core.geometry.surface.raycast import MeshRaycaster
 
 
 def sphere():

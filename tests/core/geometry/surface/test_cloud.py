@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rona_core.errors import InvalidInputError
-from rona_core.surface.cloud import build_cloud, merge_clouds
+from rona_core.geometry.surface.cloud import build_cloud, merge_clouds
 from tests.helpers.strategies import random_pose, seeds
 
 few = settings(max_examples=25, deadline=None)

@@ -13,8 +13,8 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from rona_core.geometry.arrays import Bools, Floats, readonly
-from rona_core.surface.normals.neighbourhood_fits import COEFFICIENTS
-from rona_core.surface.normals.normal_estimator import (
+from rona_core.geometry.surface.normals.neighbourhood_fits import COEFFICIENTS
+from rona_core.geometry.surface.normals.normal_estimator import (
     DISC_GAIN,
     ONE_SIDED,
     Estimates,
