@@ -133,15 +133,12 @@ class SceneNodes:
         else:
             node.vertices, node.faces, node.color = vertices, faces, color
 
-    def shaded_mesh(
-        self, name: str, mesh: Mesh, color: Rgb, shades: Floats, *, side: str = "front"
-    ) -> None:
-        """Draw a mesh anew, darker where its shade (n,) from 0 to 1 is less."""
+    def shaded_mesh(self, name: str, mesh: Mesh, color: Rgb, shades: Floats) -> None:
+        """Draw a mesh anew, from both sides, darker where its shade (n,) from 0 to 1 is less."""
         self.remove(name)
         linear = (np.array(color) / 255.0) ** 2.2 * shades[:, None]  # glTF counts light, not sRGB
         colors = np.column_stack((np.round(255.0 * linear), np.full(len(shades), 255.0)))
-        both = side == "double"
-        matt = TextureVisuals(material=PBRMaterial(metallicFactor=0.0, doubleSided=both))
+        matt = TextureVisuals(material=PBRMaterial(metallicFactor=0.0, doubleSided=True))
         matt.vertex_attributes["color"] = colors.astype(np.uint8)
         solid = trimesh.Trimesh(metres(mesh.vertices), mesh.faces, visual=matt, process=False)
         _ = solid.vertex_normals  # once known they are sent; without them each face is flat

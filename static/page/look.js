@@ -38,7 +38,12 @@ follow("entered", (page) => { page.documentElement.toggleAttribute("data-dev", d
 
 const LOOK_MS = 30;
 const PATIENCE_MS = 15000; // then the docks are shown, whatever the scene does
+// Beneath the cover the scene has its place between the docks from the start: the viewer would draw
+// it large, small, large and small again, a second each where software stands in for a graphics card.
+const LEFT_PX = 344, RIGHT_PX = 384; // widths in rona_ui/panels/layout/docks.py, with their edges
+const HELD = `div:has(> div > div > div > canvas:not(.uplot *)) { inset: 0 ${RIGHT_PX}px 0 ${LEFT_PX}px !important; }`;
 let since = 0;
+let held = null;
 
 function uncover() {
   const page = inside(), drawn = viewer.contentWindow.__viserSceneTree?.getState();
@@ -47,11 +52,18 @@ function uncover() {
   if (!dressed || (!there && performance.now() - since < PATIENCE_MS)) return;
   dress();
   const frame = viewer.contentWindow.requestAnimationFrame.bind(viewer.contentWindow);
-  frame(() => frame(() => { $("splash").hidden = true; })); // the picture is on the screen
+  frame(() => frame(() => { // the picture is on the screen
+    $("splash").hidden = true;
+    held?.remove();
+  }));
 }
 
 export function cover() {
   since = performance.now();
+  held?.remove();
+  held = inside().createElement("style");
+  held.textContent = HELD;
+  inside().head.append(held);
   $("splash").hidden = false;
   const timer = setInterval(() => { if ($("splash").hidden) clearInterval(timer); else uncover(); }, LOOK_MS);
 }

@@ -180,11 +180,9 @@ class ReferencesLayer(OfMaps):
 
 
 def label_words(row: ReferenceRow) -> str:
-    """Return number and caliper of a point, and how far the echo is from it where that is known."""
-    words = f"{row.number + 1}: {row.caliper_mm:.2f} mm"
-    if row.off_mm is not None:
-        words += f", echo {row.off_mm:+.2f}"
-    return words if row.counts else f"{words} doubtful"
+    """Return the number of a point in the table of the panel, and whether it is doubtful."""
+    number = str(row.number + 1)
+    return number if row.counts else f"{number} doubtful"
 
 
 def _label(number: int) -> str:

@@ -93,7 +93,7 @@ class HeadLayer(Layer):
                 shades = head.shades[KDTree(head.face.vertices).query(face.vertices)[1]]
         if len(face.faces):
             shades = DARKEST + (1.0 - DARKEST) * shades
-            self.nodes.shaded_mesh(FACE, face, BONE, shades, side="double")
+            self.nodes.shaded_mesh(FACE, face, BONE, shades)
         else:
             self.nodes.remove(FACE)
         self.nodes.lines(SUTURES, _sutures(new, head, plane), SUTURE, width_px=1.2)

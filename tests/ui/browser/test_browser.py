@@ -1,6 +1,7 @@
 """The whole procedure in a real browser: by hand with the mouse, by keys, by single clicks."""
 
 import os
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,6 @@ from tests.helpers.ui.browser_driver import (
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 PACE = None if PICTURES else 40.0  # times real time; None is what `rona serve` takes
-# a name that would be markup if it were not escaped; a plain one where pictures are kept
 SHARED = Path(os.environ.get("RONA_SHARED", REPOSITORY.parent / "shared"))
 LIMITS = {"outer_rms_mm": 0.35, "inner_rms_mm": 0.85, "thickness_rms_mm": 0.5}
 CLICKS = {
@@ -46,6 +46,12 @@ COUNT = """(event) => {
   window.counter = (each) => { if (each.isTrusted) window.counted += 1; };
   window.addEventListener(event, window.counter, true);
 }"""
+LOOK = REPOSITORY / "static" / "page" / "look.js"
+SCENE_EDGES = """() => {
+  const scene = document.querySelector("canvas[data-engine]").getBoundingClientRect();
+  return [scene.left, innerWidth - scene.right];
+}"""
+# a name that would be markup if it were not escaped; a plain one where pictures are kept
 NAME = "Bone 7" if PICTURES else "Bone <b>7</b> & co"
 
 
@@ -121,6 +127,13 @@ def test_the_page_opens_on_a_copy_of_the_demo_session(surgeon: Surgeon) -> None:
     wait_for(lambda: "/maps/inner" in surgeon.nodes(), "the maps")
     surgeon.frame.locator(".uplot canvas").filter(visible=True).wait_for()
     surgeon.picture("demo")
+
+
+def test_the_scene_lies_where_the_cover_has_held_it(surgeon: Surgeon) -> None:
+    held = re.search(r"LEFT_PX = (\d+), RIGHT_PX = (\d+)", LOOK.read_text("utf-8"))
+    assert held is not None
+    left, right = surgeon.frame.evaluate(SCENE_EDGES)
+    assert (left, right) == (int(held[1]), int(held[2]))
 
 
 def test_ten_steps_by_hand_with_the_mouse_alone_then_saved_and_opened_again(

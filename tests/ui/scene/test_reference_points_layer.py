@@ -41,7 +41,7 @@ def test_points_have_their_places_and_numbers_and_go_with_the_layer():
     points, colors = nodes.colors[POINTS]
     np.testing.assert_allclose(points, PLACES + (0.0, 0.0, 1.0))
     assert (colors == PURPLE).all()
-    assert sorted(nodes.texts.values()) == ["1: 5.00 mm", "2: 6.00 mm", "3: 7.00 mm"]
+    assert sorted(nodes.texts.values()) == ["1", "2", "3"]
     assert all(nodes.seen.values())
     hidden = replace(three, view=replace(MAPS, hidden=frozenset({"references"})))
     layer.render(three, hidden)
@@ -49,17 +49,17 @@ def test_points_have_their_places_and_numbers_and_go_with_the_layer():
     assert not any(nodes.seen.values())
     two = snapshot(measured(2), view=MAPS, static_scene=ROOM)
     layer.render(hidden, two)
-    assert sorted(nodes.texts.values()) == ["1: 5.00 mm", "2: 7.00 mm"]
+    assert sorted(nodes.texts.values()) == ["1", "2"]
     layer.render(two, snapshot(view=MAPS, static_scene=ROOM))
     assert nodes.texts == nodes.colors == {}
     assert "references" in LAYERS
 
 
-def test_a_doubtful_point_is_orange_and_told_and_each_says_how_far_its_echo_is(monkeypatch):
+def test_a_doubtful_point_is_orange_and_told(monkeypatch):
     rows = (ReferenceRow(0, 5.0, 0.021, 2.65, True), ReferenceRow(1, 7.0, -0.9, 2.2, False))
     monkeypatch.setattr("rona_ui.scene.maps.maps.reference_rows", lambda session: rows)
     nodes = Clouds()
     ReferencesLayer(nodes).render(None, snapshot(measured(2), view=MAPS))
     assert nodes.colors[POINTS][1].tolist() == [list(PURPLE), list(ORANGE)]
-    assert label_words(rows[0]) == "1: 5.00 mm, echo +0.02"
-    assert label_words(rows[1]) == "2: 7.00 mm, echo -0.90 doubtful"
+    assert label_words(rows[0]) == "1"
+    assert label_words(rows[1]) == "2 doubtful"
