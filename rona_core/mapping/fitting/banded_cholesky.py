@@ -23,11 +23,11 @@ class BandedMatrix:
 
     bands: Floats  # (k + 1, n) in the order of Fortran: row d holds the entries (j + d, j)
 
-    def __add__(self, other: "BandedMatrix") -> "BandedMatrix":
-        return BandedMatrix(self.bands + other.bands)
-
-    def __mul__(self, factor: float) -> "BandedMatrix":
-        return BandedMatrix(factor * self.bands)
+    def plus(self, factor: float, other: "BandedMatrix") -> "BandedMatrix":
+        """Return the sum of it and ``factor`` times another."""
+        bands = factor * other.bands
+        bands += self.bands
+        return BandedMatrix(bands)
 
     def held(self) -> "BandedMatrix":
         """Return it with a diagonal that is so much larger as rounding asks for."""
@@ -40,13 +40,13 @@ class BandedMatrix:
         width = len(self.bands) - 1
         return float(values @ blas.dsbmv(width, 1.0, self.bands, values, lower=1))
 
-    def cholesky(self) -> "BandedCholesky":
-        """Return the factor.
+    def cholesky(self, *, overwrite: bool = False) -> "BandedCholesky":
+        """Return the factor; with ``overwrite`` in the place of the matrix, which is lost.
 
         Raises:
             numpy.linalg.LinAlgError: the matrix is not positive definite.
         """
-        bands, failed = lapack.dpbtrf(self.bands, lower=1)
+        bands, failed = lapack.dpbtrf(self.bands, lower=1, overwrite_ab=overwrite)
         if failed:
             raise np.linalg.LinAlgError(f"not positive definite in row {failed}")
         return BandedCholesky(bands)
@@ -73,23 +73,19 @@ class BandedCholesky:
 
     def variances(self) -> Floats:
         """Return the diagonal (n,) of Q⁻¹ (Takahashi's recursion, in blocks of k rows)."""
-        lower, below = self._blocks()
-        found = np.zeros(lower.shape[:2])
-        inverse, unit = np.zeros(lower.shape[1:]), np.eye(lower.shape[1])
-        for k in range(len(lower) - 1, -1, -1):
-            root = solve_triangular(lower[k], unit, lower=True, check_finite=False)
+        size = len(self.bands) - 1
+        count = self.bands.shape[1] // size
+        row, column = np.indices((size, size))
+        found = np.zeros((count, size))
+        inverse, unit = np.zeros((size, size)), np.eye(size)
+        for k in reversed(range(count)):
+            columns = column + size * k
+            on = self.bands[np.maximum(row - column, 0), columns] * (row >= column)
+            root = solve_triangular(on, unit, lower=True, check_finite=False)
             here = root.T @ root
-            if k < len(below):
-                reach = root.T @ below[k].T
+            if k + 1 < count:
+                below = self.bands[size + np.minimum(row - column, 0), columns] * (row <= column)
+                reach = root.T @ below.T
                 here = here + reach @ inverse @ reach.T
             inverse, found[k] = here, np.diagonal(here)
         return found.ravel()
-
-    def _blocks(self) -> tuple[Floats, Floats]:
-        """Return the blocks (m, k, k) of L on its diagonal and those (m - 1, k, k) below."""
-        size = len(self.bands) - 1
-        row, column = np.indices((size, size))
-        columns = column + size * np.arange(self.bands.shape[1] // size)[:, None, None]
-        on = self.bands[np.maximum(row - column, 0), columns]
-        off = self.bands[size + np.minimum(row - column, 0), columns[:-1]]
-        return on * (row >= column), off * (row <= column)

@@ -1,7 +1,6 @@
 """Grid that carries a field, what its nodes tell of places, and what bending it costs."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from scipy.sparse import csr_matrix, eye, kron
@@ -74,7 +73,6 @@ def grid_around(places_mm: Floats) -> FieldGrid:
     return FieldGrid(readonly(u), readonly(v), swapped)
 
 
-@lru_cache(4)
 def bending(nu: int, nv: int, step_mm: float) -> BandedMatrix:
     """Return the bending energy of fields over a grid, as precision of unit increments r² log r."""
 

@@ -135,7 +135,7 @@ def fit_field(
     right = np.asarray(weighted @ over)
 
     def solved(stiff: float) -> tuple[BandedCholesky, Floats, float]:
-        factor = (information + bend * stiff).cholesky()
+        factor = information.plus(stiff, bend).cholesky(overwrite=True)
         nodes = factor.solve(right)
         off = over - operator @ nodes
         square = float(np.sum(weights * off**2)) + stiff * bend.energy(nodes)
@@ -190,12 +190,12 @@ def joined(plate: PlateField, more: SurfaceSamples) -> PlateField:
     operator = grid.operator(plate.places_mm)
     variance = plate.scatter_mm**2 * plate.relative_variance + ROUGHNESS_MM**2
     weighted = operator.T.multiply(1.0 / variance).tocsr()
-    bend = bending(*grid.shape, grid.step_mm) * (plate.stiffness / plate.scatter_mm**2)
     operator_more = grid.operator(more.points_map[:, :2])
     across = operator_more.T.multiply(more.weights * more.upright).tocsr()
     seen = across @ operator_more.multiply(more.upright[:, None])
     information = grid.banded((weighted @ operator + seen).tocsr()).held()
-    factor = (information + bend).cholesky()
+    bend, stiff = bending(*grid.shape, grid.step_mm), plate.stiffness / plate.scatter_mm**2
+    factor = information.plus(stiff, bend).cholesky(overwrite=True)
     over = plate.samples_mm - plate.trend.heights(plate.places_mm)
     over_more = more.points_map[:, 2] - plate.trend.heights(more.points_map[:, :2])
     right = np.asarray(weighted @ over) + np.asarray(across @ (more.upright * over_more))

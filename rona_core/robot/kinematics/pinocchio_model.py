@@ -22,6 +22,7 @@ from rona_core.robot.kinematics.spherical_wrist import SphericalWristArm
 MM_PER_M = 1000.0
 BASE_LINK, FLANGE_LINK = "base_link", "tool0"  # as ROS-Industrial names base and flange face
 N_JOINTS = 6
+BLOCK = 2048  # joint vectors at once: a long motion has fifty thousand
 
 
 class PinocchioArm:
@@ -68,6 +69,12 @@ class PinocchioArm:
             forearm seen along axis 3 (n,), and distance of the wrist centre from the plane of
             axes 1 and 2 in mm (n,): from axis 1 where nothing is offset sideways.
         """
+        starts = range(0, max(len(qs_rad), 1), BLOCK)
+        parts = [self._singular_margins(qs_rad[start : start + BLOCK]) for start in starts]
+        wrist, elbow, out_mm = (np.concatenate(part) for part in zip(*parts, strict=True))
+        return wrist, elbow, out_mm
+
+    def _singular_margins(self, qs_rad: Floats) -> tuple[Floats, Floats, Floats]:
         axes, origins = self.joint_axes(qs_rad)
         wrist = np.linalg.norm(np.cross(axes[:, 3], axes[:, 5]), axis=1)
         upper = np.cross(axes[:, 2], origins[:, 2] - origins[:, 1])
