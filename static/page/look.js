@@ -51,16 +51,13 @@ function uncover() {
   const there = link.view?.ready && drawn && "/skull" in drawn;
   if (!dressed || (!there && performance.now() - since < PATIENCE_MS)) return;
   dress();
+  held?.remove(); // the docks are there and say the same, unless somebody has folded one
   const frame = viewer.contentWindow.requestAnimationFrame.bind(viewer.contentWindow);
-  frame(() => frame(() => { // the picture is on the screen
-    $("splash").hidden = true;
-    held?.remove();
-  }));
+  frame(() => frame(() => { $("splash").hidden = true; })); // the picture is on the screen
 }
 
-export function cover() {
+function cover() {
   since = performance.now();
-  held?.remove();
   held = inside().createElement("style");
   held.textContent = HELD;
   inside().head.append(held);
