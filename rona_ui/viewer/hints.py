@@ -4,6 +4,7 @@ HINTS = {
     # the procedure
     "Start": "Starts the active step with the fields below",
     "Cancel": "Ends the running job; what was there before is kept",
+    "Continue": "Opens the next step of the procedure and starts it",
     "Next step": "Opens the next step of the procedure",
     "Retract probe": "Lifts the probe off the bone along its axis",
     "Robot home": "Drives the robot home, the probe drawn back first where it stands on the bone",
@@ -49,6 +50,7 @@ HINTS = {
     # surface and path
     "Draw on the skull": "Draw a stroke with the mouse; the virtual hand follows it",
     "Finish stroke": "Records the drawn stroke with the tracked pointer",
+    "Undo last point": "Takes back the last point of what is being drawn",
     "Discard stroke": "Deletes what was drawn since the last recording",
     "Rebuild point cloud": "Computes the surface points from the recorded strokes again",
     "Delete strokes": "Deletes all strokes of the surface; undo brings them back",

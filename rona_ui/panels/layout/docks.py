@@ -114,7 +114,9 @@ class Docks:
         panels: list[Panel] = [step_list, StepTitle(gui), TabsOfStep(gui)]
         self._steps: dict[str, StepPanel] = {}
         self._drawn: dict[str, Snapshot] = {}  # what their fields show, of the hidden ones as well
-        run_bar = RunBar(gui, context, self._steps)  # above the fields: it never scrolls away
+        run_bar = RunBar(
+            gui, context, self._steps, STEP_PANELS
+        )  # above the fields: it never scrolls away
         panels += [Refused(gui), run_bar]
         buttons = {**step_list.buttons, **run_bar.buttons}
         panels.append(PageLink(gui, context, buttons, TAB_PANELS))

@@ -1,5 +1,6 @@
-"""The steps as a list; title of the active step, its primary button, cancel and next."""
+"""The steps as a list; title of the active step, its primary button, cancel, next and continue."""
 
+from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
@@ -81,29 +82,46 @@ class StepTitle:
 
 
 class RunBar:
-    """Primary button of the active step, progress, cancel and next."""
+    """Primary button of the active step, progress, cancel; next opens a step, continue runs it."""
 
-    def __init__(self, gui: Any, context: PanelContext, panels: dict[str, StepPanel]) -> None:
-        self._panels, self._context = panels, context
+    def __init__(
+        self,
+        gui: Any,
+        context: PanelContext,
+        panels: Mapping[str, StepPanel],
+        kinds: Mapping[str, type[StepPanel]],
+    ) -> None:
+        """Add the buttons; ``panels`` are those that are built, ``kinds`` those of all steps."""
+        self._panels, self._kinds, self._context = panels, kinds, context
         self._step, self._rests = "setup", (False, False)
+        self._to_start: tuple[str, Any] | None = None  # step, once it is open, and who asked for it
         self._start = gui.add_button("Start", icon="player-play")
         self._progress_words = gui.add_html("")
         self._progress = gui.add_progress_bar(0.0, visible=False)
         self._cancel = gui.add_button("Cancel", icon="player-stop", color=STOP, visible=False)
+        self._continue = gui.add_button("Continue", icon="player-track-next", color=GO_ON)
         self._next = gui.add_button("Next step", icon="arrow-right", color=GO_ON)
         self._back = context.send_button(
             gui, "Retract probe", "arrow-back-up", StartRetract, visible=False
         )
         self._home = context.send_button(gui, "Robot home", "home", StartHome, visible=False)
-        self.buttons = {"start": self._start, "cancel": self._cancel, "next": self._next}
+        self.buttons = {
+            "start": self._start,
+            "cancel": self._cancel,
+            "continue": self._continue,
+            "next": self._next,
+        }
         on_click(self._start, lambda e: context.send(panels[self._step].message, e))
         on_click(self._cancel, lambda e: context.service("cancel", e, None))
-        on_click(self._next, self._go_on)
+        on_click(self._continue, lambda e: self._open_next(starts=e))
+        on_click(self._next, lambda e: self._open_next())
 
-    def _go_on(self, event: Any) -> None:
-        after = REGISTRY.step_names.index(self._step) + 1
-        if after < len(REGISTRY.step_names):
-            self._context.set_view(step=REGISTRY.step_names[after], drawing=None, picks=())
+    def _open_next(self, starts: Any = None) -> None:
+        """Open the step behind the active one; the event ``starts`` has it started, too."""
+        after = step_after(self._step)
+        if after is not None:
+            self._to_start = None if starts is None else (after, starts)
+            self._context.set_view(step=after, drawing=None, picks=())
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow step, job, and whether the probe stands on the bone."""
@@ -113,6 +131,10 @@ class RunBar:
         rests, self._rests = self._rests, (probe_on_bone(new), robot_away(new))
         if rests == self._rests and not changed(old, new, "job", "steps", "view"):
             return
+        if self._to_start is not None:  # its fields, which say what is sent, are there by now
+            (wanted, event), self._to_start = self._to_start, None
+            if wanted == step:
+                self._context.send(self._panels[step].message, event)
         panel, state = self._panels[step], new.step(step)
         self._step, busy = step, new.busy
         drawing = new.view.drawing is not None
@@ -127,12 +149,28 @@ class RunBar:
         self._cancel.visible = self._progress.visible = busy
         if busy and job is not None:
             self._progress.value = round(100.0 * min(max(job.progress, 0.0), 1.0), 1)
-        last = step == REGISTRY.step_names[-1]
-        self._next.visible = (done or partial) and not busy and not last and not drawing
-        self._next.color = "gray" if partial else GO_ON
-        if not last:
-            after = new.step(REGISTRY.step_names[REGISTRY.step_names.index(step) + 1])
-            self._next.label = f"Next: {after.number} {after.title}"
+        after = step_after(step)
+        self._next.visible = (done or partial) and not busy and not drawing and after is not None
+        self._continue.visible = self._next.visible and self._may_continue(new)
+        self._next.color = "gray" if partial or self._continue.visible else GO_ON
+        if after is not None:
+            self._next.label = f"Next: {new.step(after).number} {new.step(after).title}"
+            self._continue.label = f"Continue: {self._kinds[after].start}"
+
+    def _may_continue(self, new: Snapshot) -> bool:
+        """Return whether the next step may start unseen: nothing to look at, nothing to lose."""
+        after = step_after(self._step)
+        if after is None or self._kinds[after].start is None or self._kinds[after].seen_first:
+            return False
+        passed = new.step(self._step).state == "done" and not judged(new, self._step).missed
+        following = new.step(after)
+        return passed and following.blocked is None and following.state not in ("done", "partial")
+
+
+def step_after(step: str) -> str | None:
+    """Return the step behind this one; None behind the last."""
+    after = REGISTRY.step_names.index(step) + 1
+    return REGISTRY.step_names[after] if after < len(REGISTRY.step_names) else None
 
 
 def progress_words(snapshot: Snapshot) -> str:

@@ -145,6 +145,7 @@ class ScanPanel(StepPanel):
         "halts the robot at once; recorded data are kept."
     )
     start = "Scan"
+    seen_first = True  # the probe touches the patient: mounting and landmarks come before
 
     def build(self) -> None:
         """Add how the probe is mounted, and pressed on."""

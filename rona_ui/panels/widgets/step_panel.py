@@ -55,6 +55,7 @@ class StepPanel:
     explanation: ClassVar[str] = ""
     activity: ClassVar[str] = ""  # that the primary button starts, where it records something
     start: ClassVar[str | None] = None  # words of the primary button; None: the step has none
+    seen_first: ClassVar[bool] = False  # it is not started from the step before
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
         self.gui, self.context = gui, context

@@ -41,7 +41,7 @@ function steps() {
   });
 }
 
-const RUN_BAR = ["start", "cancel", "next"];
+const RUN_BAR = ["start", "cancel", "continue", "next"];
 
 function cameras() {
   return (link.view?.cameras ?? []).map((name) => ({
@@ -59,6 +59,9 @@ register(
     enabled: () => view() && pressable("start"), run: () => docked("start").click() },
   { id: "next", group: "Step", title: "Next step", key: "N", label: () => words("next") || "Next step",
     enabled: () => view() && pressable("next"), run: () => docked("next").click() },
+  { id: "continue", group: "Step", title: "Continue: open and run the next step", key: "Ctrl+Shift+Enter",
+    label: () => words("continue") || "Continue: open and run the next step",
+    enabled: () => view() && pressable("continue"), run: () => docked("continue").click() },
   { id: "cancel", group: "Step", title: "Cancel the job", label: () => "Cancel the job",
     enabled: () => view() && pressable("cancel"), run: () => docked("cancel").click() },
   { id: "leave", group: "Step", title: "Exit drawing or editing", key: "Esc", shownOnly: true,

@@ -117,15 +117,17 @@ def running_browser() -> Iterator[Any]:
 
 
 @contextmanager
-def running_server(sessions: Path, pace: float | None = None) -> Iterator[str]:
-    """Run `rona serve` on a free port with a copy of the demo open; yields the session's address.
+def running_server(
+    sessions: Path, pace: float | None = None, file: Path | None = None
+) -> Iterator[str]:
+    """Run `rona serve` on a free port with a file open; yields the session's address.
 
-    Captures are shown at its own or another pace.
+    Captures are shown at its own or another pace. Without a file it is a copy of the demo.
     """
     port = free_port()
     environment = {**os.environ, "RONA_TOKEN": TOKEN, "OMP_NUM_THREADS": "1"}
     log = (sessions / "server.log").open("wb")
-    arguments = ["serve", str(demo_session()), "--no-open"]
+    arguments = ["serve", str(file or demo_session()), "--no-open"]
     arguments += ["--port", str(port), "--sessions", str(sessions)]
     arguments += [] if pace is None else ["--pace", str(pace)]
     server = subprocess.Popen(

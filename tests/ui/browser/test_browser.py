@@ -19,33 +19,25 @@ from tests.helpers.ui.browser_driver import (
     surgeon_at,
     wait_for,
 )
+from tests.helpers.ui.clicks import (
+    PRIMARY,
+    TO_MAPS,
+    TO_PLAN,
+    count,
+    counted,
+    new_session,
+    run_next,
+)
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 PACE = None if PICTURES else 40.0  # times real time; None is what `rona serve` takes
 SHARED = Path(os.environ.get("RONA_SHARED", REPOSITORY.parent / "shared"))
 LIMITS = {"outer_rms_mm": 0.35, "inner_rms_mm": 0.85, "thickness_rms_mm": 0.5}
-CLICKS = {
-    "Tool": "Move and register",
-    "Pointer": "Pivot and calibrate",
-    "Surface": "Sweep the region",
-    "Path": "Record raster path",
-    "Smoothing": "Smooth the path",
-    "Roll": "Plan motion",
-    "Scan": "Scan",
-    "Maps": "Map the boundaries",
-}
 MAPS = {
     "Outer boundary": "/maps/outer",
     "Outer, fused with pointer": "/maps/fused",
     "Inner boundary": "/maps/inner",
 }
-COUNT = """(event) => {
-  window.removeEventListener(window.countedEvent, window.counter, true);
-  window.counted = 0;
-  window.countedEvent = event;
-  window.counter = (each) => { if (each.isTrusted) window.counted += 1; };
-  window.addEventListener(event, window.counter, true);
-}"""
 LOOK = REPOSITORY / "static" / "page" / "look.js"
 SCENE_EDGES = """() => {
   const scene = document.querySelector("canvas[data-engine]").getBoundingClientRect();
@@ -80,34 +72,6 @@ def bed_of(surgeon: Surgeon) -> Any:
 def maps_seen(surgeon: Surgeon) -> set[str]:
     """Return which maps are to be seen."""
     return set(MAPS.values()) & set(surgeon.nodes())
-
-
-def count(surgeon: Surgeon, event: str) -> None:
-    """Count events of a kind, in the page and in the docks, that a hand made."""
-    for frame in (surgeon.page.main_frame, surgeon.frame):
-        frame.evaluate(COUNT, event)
-
-
-def counted(surgeon: Surgeon) -> int:
-    """Return how many there were."""
-    frames = (surgeon.page.main_frame, surgeon.frame)
-    return sum(frame.evaluate("() => window.counted") for frame in frames)
-
-
-def new_session(surgeon: Surgeon) -> None:
-    """Begin a new session; one that is open stays so, unsaved."""
-    before = surgeon.ask("/sessions/current")["id"]
-    surgeon.menu("sessionbutton", "New session")
-    asked = surgeon.page.locator("#leavekeep")
-
-    def there() -> bool:
-        if asked.is_visible():
-            asked.click()
-        return surgeon.ask("/sessions/current")["id"] != before
-
-    wait_for(there, "a new session")
-    surgeon.wait_session(surgeon.ask("/sessions/current")["id"])
-    wait_for(lambda: surgeon.states()[1:3] == ["ready", "ready"], "its steps")
 
 
 def within_limits(surgeon: Surgeon) -> None:
@@ -287,7 +251,9 @@ def test_a_value_out_of_range_is_told_and_the_field_shows_the_truth(surgeon: Sur
 def test_all_steps_by_keys_alone(surgeon: Surgeon) -> None:
     new_session(surgeon)
     count(surgeon, "pointerdown")
-    for step in STEPS[1:9]:
+    surgeon.page.keyboard.press("Control+Shift+Enter")  # opens the tool's step and runs it
+    surgeon.wait_state("Tool", "done")
+    for step in STEPS[2:9]:
         keyboard.go_to(surgeon, step)
         wait_for(surgeon.button("Cancel").is_hidden, "the step to be free")
         if step == "Scan":
@@ -343,14 +309,10 @@ def test_nine_steps_by_single_clicks_on_another_bone_and_with_another_arm(
     surgeon.open_step("Set-up")
     choose(surgeon)
     count(surgeon, "pointerdown")
-    for number, (step, primary) in enumerate(CLICKS.items(), start=2):
-        surgeon.button(f"Next: {number} {step}").click()
+    for step in PRIMARY:
         if step == "Scan":
-            hand.unfold(surgeon, "Probe mounting")
-            hand.carry_out(surgeon, "Record on gauge plate")
-        surgeon.button(primary).click()
-        surgeon.wait_state(step, "done")
-        surgeon.wait_idle()
-    assert counted(surgeon) == 2 * len(CLICKS) + 2  # and nothing typed
+            assert counted(surgeon) == TO_PLAN
+        run_next(surgeon, step)
+    assert counted(surgeon) == TO_MAPS  # and nothing typed
     within_limits(surgeon)
     assert surgeon.errors == []

@@ -18,6 +18,7 @@ from rona_core.devices.samples import JointSample
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
+from rona_ui.panels.layout.docks import STEP_PANELS
 from rona_ui.panels.layout.quality import QualityPanel
 from rona_ui.panels.layout.run_bar import GO_ON, RunBar, StepList, StepTitle
 from rona_ui.panels.maps.maps import MapsPanel
@@ -210,7 +211,7 @@ def stopped(demo: Session) -> Session:
 def bar(at: Snapshot) -> FakeGui:
     gui = FakeGui()
     panels = {kind.step: kind(gui, NOTHING) for kind in (ScanPanel, MapsPanel, SmoothingPanel)}
-    RunBar(gui, NOTHING, panels).render(None, at)
+    RunBar(gui, NOTHING, panels, STEP_PANELS).render(None, at)
     return gui
 
 
@@ -251,7 +252,7 @@ def test_retract_and_home_are_offered_where_the_robot_was_stopped_and_only_there
     sent: list[Any] = []
     context = replace(NOTHING, send=lambda make, event: sent.append(make()))
     gui = FakeGui()
-    RunBar(gui, context, {"scan": ScanPanel(gui, context)})
+    RunBar(gui, context, {"scan": ScanPanel(gui, context)}, STEP_PANELS)
     gui.find("button", "Retract probe").happen(FakeClient())
     gui.find("button", "Robot home").happen(FakeClient())
     assert sent == [StartRetract(), StartHome()]

@@ -58,7 +58,8 @@ def test_the_newest_refusal_stands_in_full_at_its_step_until_something_was_done(
 
 def test_progress_says_how_long_the_job_still_takes() -> None:
     gui = FakeGui()
-    bar = RunBar(gui, NOTHING, {step: kind(gui, NOTHING) for step, kind in STEP_PANELS.items()})
+    panels = {step: kind(gui, NOTHING) for step, kind in STEP_PANELS.items()}
+    bar = RunBar(gui, NOTHING, panels, STEP_PANELS)
     job = JobStatus("1", "StartScan", "running", 0.25)
     at = snapshot(Session(), "scan", job=job)
     bar.render(None, at)
