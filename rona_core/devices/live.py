@@ -31,6 +31,7 @@ class LiveState:
     origin: Origin | None = None  # of the frame where it is not that of the devices
     ordinal: int = 0  # of the capture under way, or the last one
     recorded: RecordedSoFar | None = None  # of the scan under way
+    frames: tuple[TrackerFrame, ...] = ()  # of the stroke of the pointer under way
 
 
 PARTS = frozenset(field.name for field in fields(LiveState))

@@ -13,7 +13,7 @@ from rona_ui.panels.widgets.step_panel import StepPanel
 from rona_ui.presentation.colors import BLUE, PURPLE, VERMILLION, css
 from rona_ui.presentation.shown import shown_path
 from rona_ui.presentation.snapshot import Snapshot, changed
-from rona_ui.presentation.view_state import Drawing, Preview
+from rona_ui.presentation.view_state import EDITS, Drawing, Preview
 
 METRICS = {"K1: maximum deviation": "k1", "K2: RMS deviation": "k2", "K3: area": "k3"}
 METHODS = {
@@ -27,7 +27,6 @@ NORMALS = {
     "Least squares (paper)": "ols",
 }
 CHOSEN_RADIUS = "0: chosen from the point cloud"
-EDITS: dict[str, Drawing] = {"Move": "move", "Insert": "insert", "Delete": "delete", "Pin": "pin"}
 HELP = {
     "move": "Drag a blue point over the skull, or click it and then its new position.",
     "insert": "Click the skull to insert a point into the nearest segment.",

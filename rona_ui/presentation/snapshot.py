@@ -11,6 +11,7 @@ from rona_core.app.steps.maps.comparison import MapComparison
 from rona_core.app.steps.maps.growing_map import GrowingMap
 from rona_core.devices.live import LiveState
 from rona_core.devices.samples import TrackerFrame
+from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
 from rona_core.ultrasound.detection.manual_corrections import ScanName
@@ -32,6 +33,7 @@ class Snapshot:
     static_scene: StaticScene | None = None
     T_base_pointermarker: Pose | None = None
     frame: TrackerFrame | None = None  # what the tracker says of what is drawn now
+    stroke: Floats | None = None  # (k, 3) tip of the pointer in the stroke under way, in base
     growing: GrowingMap | None = None  # outer map of the newest scan, as far as it has come
     figures: dict[str, Any] = field(default_factory=dict)
     judged: Session | None = None  # whose figures they are, None where there are none yet

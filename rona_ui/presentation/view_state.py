@@ -25,6 +25,24 @@ Drawing = Literal[
     "implant",
     "pair",
 ]
+# what a click on the skull does: mode -> what the surgeon reads over the scene
+MODES: dict[Drawing, str] = {
+    "surface": "Drawing a stroke",
+    "path": "Drawing the path",
+    "center": "Picking the centre",
+    "boundary": "Drawing the boundary",
+    "paint_scan": "Painting a region to scan",
+    "paint_avoid": "Painting a region to avoid",
+    "move": "Moving points",
+    "insert": "Inserting points",
+    "delete": "Deleting points",
+    "pin": "Pinning points",
+    "region": "Picking the region",
+    "implant": "Moving the implant",
+    "pair": "Picking a point of the pair",
+}
+# the changes of the smoothed path, by the words of their buttons
+EDITS: dict[str, Drawing] = {"Move": "move", "Insert": "insert", "Delete": "delete", "Pin": "pin"}
 PAINTING: dict[str, PaintKind] = {"paint_scan": "scan", "paint_avoid": "avoid"}
 CutDirection = Literal["off", "lengthwise", "crosswise"]
 

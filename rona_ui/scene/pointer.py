@@ -1,14 +1,19 @@
 """Hand-held pointer, its pivot handles, and strokes drawn on the skull by mouse."""
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial import KDTree
 
 from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.settings import SONO
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose
-from rona_ui.presentation.colors import ORANGE, SKY, STEEL
+from rona_core.session.memo import Memo
+from rona_ui.presentation.colors import ORANGE, STEEL
 from rona_ui.presentation.snapshot import Snapshot, changed
+from rona_ui.presentation.static_scene import StaticScene
 from rona_ui.scene.layer import Layer, lift
 from rona_ui.scene.viser_nodes import segments
 
@@ -18,6 +23,7 @@ PIVOT_HANDLES = "/pivot_handles"
 HANDLES_MM = 400.0  # radius 0.65 of it, about the distance of the markers from the tip
 # viser draws each handle as an arc between two axes; turned so, they face the usual camera
 HANDLES_START = Pose.from_rotvec((0.0, 0.0, -np.pi / 2.0))
+STEP_MM = 2.0  # between places at which a line is led over the skull
 LIFT_MM = 0.6  # off the skull, so that a line on it is seen
 
 
@@ -85,6 +91,25 @@ class DrawingLayer(Layer):
 
     def draw(self, new: Snapshot) -> None:
         """Follow the picks."""
-        points = np.array(new.view.picks, dtype=np.float64).reshape(-1, 3) + lift(new, LIFT_MM)
-        self.nodes.lines(LINE, segments(points), SKY, width_px=4.0)
-        self.nodes.cloud(PICKS, points, ORANGE, size_mm=1.0)
+        points, up = np.array(new.view.picks, dtype=np.float64).reshape(-1, 3), lift(new, LIFT_MM)
+        line = over_skull(points, new.static_scene)
+        self.nodes.lines(LINE, segments(line + up), ORANGE, width_px=4.0)
+        self.nodes.cloud(PICKS, points + up, ORANGE, size_mm=1.0)
+
+
+_TREES: Memo[KDTree] = Memo(1)  # of the vertices of the drawn skull
+
+
+def over_skull(points_base: Floats, scene: StaticScene | None) -> Floats:
+    """Return the line (m, 3) through points (n, 3), led over the drawn skull between them."""
+    if scene is None or len(points_base) < 2:
+        return points_base
+    lengths = np.linalg.norm(np.diff(points_base, axis=0), axis=1)
+    way = np.concatenate(([0.0], np.cumsum(lengths)))
+    inner = [np.arange(a + STEP_MM, b, STEP_MM) for a, b in pairwise(way)]
+    at = np.sort(np.concatenate((way, *inner)))
+    line = np.column_stack([np.interp(at, way, part) for part in points_base.T])
+    vertices, normal = scene.skull.vertices, scene.region_normal_base
+    nearest = _TREES.get((scene.skull,), lambda: KDTree(vertices)).query(line)[1]
+    below = np.maximum((vertices[nearest] - line) @ normal, 0.0)
+    return line + below[:, None] * normal

@@ -34,7 +34,7 @@ from rona_ui.scene.setup.robot import ClearanceLayer, ObstaclesLayer, RobotLayer
 from rona_ui.scene.setup.room import RoomLayer
 from rona_ui.scene.setup.skull import NODE, HeadLayer, SkullLayer
 from rona_ui.scene.setup.tracker import TrackerLayer
-from rona_ui.scene.surface import CloudLayer, RegionLayer, RegisteredSkullLayer
+from rona_ui.scene.surface import CloudLayer, RegionLayer, RegisteredSkullLayer, StrokeLayer
 from rona_ui.scene.viser_nodes import M_PER_MM, SceneNodes
 
 FLOOR_MM = -420.0  # the robot stands on a pedestal of about its base's height
@@ -60,6 +60,7 @@ class SceneRenderer:
             PivotHandlesLayer(self.nodes),
             RegionLayer(self.nodes),
             CloudLayer(self.nodes),
+            StrokeLayer(self.nodes),
             RegisteredSkullLayer(self.nodes),
             DrawingLayer(self.nodes),
             PathLayer(self.nodes),

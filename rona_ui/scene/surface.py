@@ -7,31 +7,51 @@ from rona_core.geometry.arrays import Floats
 from rona_core.geometry.mesh import Mesh
 from rona_core.session.document import Session
 from rona_core.session.specimen import LoadedSkull
-from rona_ui.presentation.colors import GREEN, PURPLE, SKY
-from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.colors import GREEN, PURPLE, SKY, STEEL
+from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.presentation.static_scene import StaticScene
 from rona_ui.scene.cut_plane import Plane, crossings
 from rona_ui.scene.layer import Layer
 from rona_ui.scene.viser_nodes import NO_LINES, NO_POINTS, segments
 
 CLOUD, REGION, CONTOURS = "/surface/cloud", "/region", "/registered_skull"
+STROKE = "/surface/stroke"
 MOST_POINTS = 60_000  # drawn; the session keeps all
 APART_MM = 12.0  # from contour to contour
 LIFT_MM = 0.4  # off the mesh, so that the contours are to be seen where both skulls agree
 
 
 class CloudLayer(Layer):
-    """Draws the surface points."""
+    """Draws the surface points; grey while another stroke is recorded."""
 
     layer = "cloud"
-    follows = ("session.results.surface",)
     names = (CLOUD,)
 
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
+        """Draw the cloud anew when it is another one, or when a stroke begins or ends."""
+        before = old is not None and old.stroke is not None
+        if changed(old, new, "session.results.surface") or before != (new.stroke is not None):
+            surface = new.session.results.surface
+            points = NO_POINTS if surface is None else surface.value.points_base
+            color = SKY if new.stroke is None else STEEL
+            self.nodes.cloud(CLOUD, thinned(points), color, size_mm=0.8)
+        super().render(old, new)
+
+
+class StrokeLayer(Layer):
+    """Draws where the tip of the pointer has been in the stroke under way; never hidden."""
+
+    follows = ("stroke",)
+
     def draw(self, new: Snapshot) -> None:
-        """Draw the cloud."""
-        surface = new.session.results.surface
-        points = NO_POINTS if surface is None else surface.value.points_base
-        self.nodes.cloud(CLOUD, points[:: 1 + len(points) // MOST_POINTS], SKY, size_mm=0.8)
+        """Draw the stroke."""
+        points = NO_POINTS if new.stroke is None else new.stroke
+        self.nodes.cloud(STROKE, thinned(points), SKY, size_mm=0.8)
+
+
+def thinned(points: Floats) -> Floats:
+    """Return as many of the points (n, 3) as are drawn."""
+    return points[:: 1 + len(points) // MOST_POINTS]
 
 
 class RegionLayer(Layer):

@@ -32,6 +32,7 @@ from rona_ui.viewer.theme import set_theme
 from rona_ui.window.background_figures import BackgroundFigures
 from rona_ui.window.background_growth import BackgroundGrowth
 from rona_ui.window.browser import Browser
+from rona_ui.window.stroke_growth import StrokeGrowth
 
 TICK_S = 1.0 / 30.0  # while something moves
 PASSES: dict[str, Pass] = {"StartScan": "first", "StartGapScan": "second"}
@@ -56,6 +57,7 @@ class Window:
         self.bindings = Bindings(hub, self._refuse)
         self._background = BackgroundFigures(self.wake)
         self._growth = BackgroundGrowth(self.wake)
+        self._strokes = StrokeGrowth()
         self._unsubscribe_hub = hub.subscribe(self.wake)
         server.scene.world_axes.visible = False
         set_theme(server.gui)
@@ -174,6 +176,7 @@ class Window:
             T_base_pointermarker=pointer,
             frame=live.frame if busy else facts.frame,
             growing=self._growth.ask(session, live, _scanned_pass(job)) if self._browsers else None,
+            stroke=self._strokes.ask(session, live),
             figures=facts.figures,
             judged=facts.judged,
             computing=facts.computing,

@@ -7,6 +7,7 @@ import "./sessions/sessions.js";
 import "./commands/palette.js";
 import "./commands/help.js";
 import "./look.js";
+import "./mode.js";
 import "./tabs.js";
 import "./sessions/home.js";
 import "./sessions/guide.js";

@@ -16,6 +16,7 @@ from rona_core.session.document import Session
 
 ARRIVAL_S = 0.12  # after a motion, until the last joint angles have arrived
 LIVE_PERIOD_S = 0.02  # how often a positioning move looks at Cancel
+SHOWN_FRAMES = 15  # of a stroke, after which what has come is shown anew
 HEAD_HZ = 10.0  # how often the head marker is kept: a breath takes seconds
 
 
@@ -39,19 +40,24 @@ def capture_hand(
 ) -> PointerCapture:
     """Record the marker of a tool in the hand, the pointer if none is named, while it moves.
 
-    The frames themselves go to ``keep``.
+    The frames themselves go to ``keep``, and are shown meanwhile.
     """
     pointer = session.setup.devices.pointer if tool is None else tool
     ordinal = begin(session, context)
     duration_s = prepare()
 
+    frames: list[TrackerFrame] = [] if keep is None else keep
+
     def until(frame: TrackerFrame) -> bool:
         context.progress(min(1.0, frame.time_s / duration_s))
+        if keep is not None and len(frames) % SHOWN_FRAMES == 0:
+            context.live.put(frames=tuple(frames))
         return frame.time_s >= duration_s or finished()
 
-    frames, partial = record_frames(context, until)
-    if keep is not None:
-        keep.extend(frames)
+    try:
+        partial = record_frames(context, until, frames)
+    finally:
+        context.live.put(frames=())
     return PointerCapture(
         ordinal=ordinal,
         setup_digest=capture_setup_digest(kind, session),
@@ -85,22 +91,21 @@ def capture_stroke(
 
 
 def record_frames(
-    context: ActivityContext, ended: Callable[[TrackerFrame], bool]
-) -> tuple[list[TrackerFrame], bool]:
-    """Collect tracker frames until ``ended`` or Cancel; return them and whether it was cut short.
+    context: ActivityContext, ended: Callable[[TrackerFrame], bool], frames: list[TrackerFrame]
+) -> bool:
+    """Collect tracker frames until ``ended`` or Cancel; return whether it was cut short.
 
     Raises:
         DeviceError: the tracker stopped delivering frames.
     """
-    frames: list[TrackerFrame] = []
     for frame in context.rig.tracker.frames():
         frames.append(frame)
         context.live.put(frame=frame)
         if ended(frame):
-            return frames, False
+            return False
         if context.cancel():
             context.rig.robot.stop()
-            return frames, True
+            return True
     raise DeviceError("the tracker stopped delivering frames: is it connected and started?")
 
 

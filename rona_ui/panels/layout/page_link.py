@@ -17,7 +17,7 @@ from rona_core.errors import InvalidInputError
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change
 from rona_ui.presentation.camera import HEAD, ROOM, TABLE
 from rona_ui.presentation.snapshot import Snapshot, changed
-from rona_ui.presentation.view_state import LAYERS, NEEDED, CutDirection
+from rona_ui.presentation.view_state import EDITS, LAYERS, MODES, NEEDED, CutDirection
 from rona_ui.viewer.bindings import Event, escape
 from rona_ui.viewer.gateway import uuid_of
 from rona_ui.viewer.theme import set_theme
@@ -103,6 +103,8 @@ class PageLink:
             "step": view.step,
             "buttons": self._buttons,
             "drawing": view.drawing is not None,
+            "mode": "" if view.drawing is None else MODES[view.drawing],
+            "pressed": next((words for words, mode in EDITS.items() if mode == view.drawing), ""),
             "cameras": _cameras(scene),
             "layers": [
                 {

@@ -5,7 +5,7 @@ import json
 import re
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from rona_core.errors import InvalidInputError
 from rona_ui.panels.layout import page_link
 from rona_ui.panels.layout.page_link import PageLink
 from rona_ui.presentation.static_scene import StaticScene
-from rona_ui.presentation.view_state import LAYERS, NEEDED, ViewState
+from rona_ui.presentation.view_state import LAYERS, MODES, NEEDED, Drawing, ViewState
 from rona_ui.viewer import theme
 from tests.helpers.ui.fake_gui import FakeGui
 from tests.ui.panels.test_panels import CLIENT, Recorder, snapshot
@@ -161,3 +161,17 @@ def test_what_nobody_knows_is_refused_and_changes_nothing(page: Page, act: Any, 
 def test_what_cannot_be_read_is_refused(page: Page, text: str) -> None:
     with pytest.raises(InvalidInputError, match="load it again"):
         page.write(text)
+
+
+@pytest.mark.parametrize("mode", get_args(Drawing))
+def test_it_tells_in_words_what_a_click_on_the_skull_does(page: Page, mode: Drawing) -> None:
+    page.link.render(None, snapshot(view=ViewState(drawing=mode), static_scene=SCENE))
+    assert page.told["mode"] == MODES[mode]
+    assert page.told["pressed"] == {"move": "Move", "insert": "Insert"}.get(
+        mode, {"delete": "Delete", "pin": "Pin"}.get(mode, "")
+    )
+
+
+def test_without_a_mode_it_tells_none(page: Page) -> None:
+    page.link.render(None, snapshot(view=ViewState(), static_scene=SCENE))
+    assert (page.told["mode"], page.told["pressed"]) == ("", "")

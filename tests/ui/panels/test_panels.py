@@ -126,7 +126,7 @@ def test_the_step_list_tells_state_by_icon_word_and_reason_and_a_click_opens() -
 def bar() -> tuple[FakeGui, Recorder, RunBar]:
     gui, recorder = FakeGui(), Recorder()
     panels = {kind.step: kind(gui, recorder.context) for kind in (SetupPanel, ToolPanel, ScanPanel)}
-    return gui, recorder, RunBar(gui, recorder.context, panels)
+    return gui, recorder, RunBar(gui, recorder.context, panels, STEP_PANELS)
 
 
 def test_a_scan_that_was_stopped_while_the_tool_was_weighed_says_so_and_goes_on_saying_it() -> None:
@@ -324,6 +324,45 @@ def test_only_a_line_of_two_points_can_be_finished() -> None:
     finish.happen(CLIENT)
     assert recorder.sent == [("line", two)]
     assert recorder.shown.drawing is None
+
+
+def test_what_was_drawn_stays_until_it_is_recorded_and_after_it_if_that_failed() -> None:
+    gui, recorder = FakeGui(), Recorder()
+    controls = DrawingControls(gui, recorder.context, "surface", lambda picks: ("line", picks))
+    states = tuple(replace(s, state="ready") for s in step_states(Session()))
+    base = replace(snapshot(), steps=states)
+    line = ((1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
+
+    def at(job: JobStatus | None) -> Snapshot:
+        recorder.shown = replace(recorder.shown, step="surface")
+        return replace(base, view=recorder.shown, job=job)
+
+    for number, (state, left) in enumerate((("cancelled", line), ("done", ())), start=1):
+        earlier = None if number == 1 else JobStatus("1", "StartSurfaceCapture", "cancelled", 0.2)
+        recorder.shown = replace(recorder.shown, drawing="surface", picks=line)
+        controls.render(at(earlier))
+        gui.find("button", "Finish stroke").happen(CLIENT)
+        assert recorder.shown.picks == line
+        job = JobStatus(str(number), "StartSurfaceCapture", "running", 0.1)
+        controls.render(at(job))
+        assert recorder.shown.picks == line
+        assert not gui.find("button", "Discard stroke").visible
+        controls.render(at(replace(job, state=state)))  # type: ignore[arg-type]
+        assert recorder.shown.picks == left
+
+
+def test_the_last_point_of_what_is_drawn_can_be_taken_back() -> None:
+    gui, recorder = FakeGui(), Recorder()
+    controls = DrawingControls(gui, recorder.context, "path", lambda picks: ("line", picks))
+    states = tuple(replace(s, state="ready") for s in step_states(Session()))
+    recorder.shown = ViewState(step="path", drawing="path", picks=((1.0, 2.0, 3.0),))
+    controls.render(replace(snapshot(), steps=states, view=recorder.shown))
+    back = gui.find("button", "Undo last point")
+    assert back.visible
+    back.happen(CLIENT)
+    assert recorder.shown == ViewState(step="path", drawing="path")
+    controls.render(replace(snapshot(), steps=states, view=recorder.shown))
+    assert not back.visible
 
 
 def test_a_line_that_was_left_can_be_gone_on_with_or_dropped() -> None:

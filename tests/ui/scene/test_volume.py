@@ -33,6 +33,9 @@ class Nodes:
     def cloud(self, node, points, colors, *, size_mm):
         self._draw(node, points, colors)
 
+    def lines(self, node, pairs, color, *, width_px):
+        self._draw(node, pairs, color)
+
     def mesh(self, node, mesh, color, *, opacity=None, side="front"):
         self._draw(node, mesh, color)
 

@@ -22,18 +22,25 @@ def tip_track(session: Session, capture: PointerCapture) -> Floats:
         StepBlockedError: tool or pointer are not calibrated, or it was another pointer.
         StaleResultError: the tracker has moved since the registration, and is not found again.
     """
-    reference = reference_of(session, capture)
+    tips_base = reference_of(session, capture).T_base_tracker @ tip_of(session, capture)
+    watch = watch_head(session, capture)
+    back = None if watch is None else watch.back(capture.marker.times_s)
+    return tips_base if back is None else back @ tips_base
+
+
+def tip_of(session: Session, capture: PointerCapture) -> Floats:
+    """Return the pointer tip (k, 3) in the tracker's frame wherever the pointer was seen.
+
+    Raises:
+        StepBlockedError: the pointer is not calibrated, or it was another one.
+    """
     pointer = require_result(session.results.pointer, "calibrate the pointer").value
     if pointer.pointer != capture.pointer:
         raise StepBlockedError(
             f"the stroke was made with {capture.pointer}, but {pointer.pointer} is calibrated: "
             f"calibrate {capture.pointer} or record the stroke again"
         )
-    tips_tracker = capture.marker.Ts_tracker_marker @ pointer.tip_pointermarker
-    tips_base = reference.T_base_tracker @ tips_tracker
-    watch = watch_head(session, capture)
-    back = None if watch is None else watch.back(capture.marker.times_s)
-    return tips_base if back is None else back @ tips_base
+    return capture.marker.Ts_tracker_marker @ pointer.tip_pointermarker
 
 
 def replayed_pointer(session: Session, live: LiveState) -> Pose | None:

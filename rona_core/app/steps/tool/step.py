@@ -51,7 +51,8 @@ def capture_tool(
         context.progress(motion.progress())
         return motion.done()
 
-    frames, partial = record_frames(context, with_joints)
+    frames: list[TrackerFrame] = []
+    partial = record_frames(context, with_joints, frames)
     return ToolCapture(
         ordinal=ordinal,
         setup_digest=capture_setup_digest("tool", session),

@@ -1,0 +1,112 @@
+"""What the hand does in the scene is seen while it does it: strokes that grow, modes that show."""
+
+from typing import Any
+
+import pytest
+
+from tests.helpers.ui import hand
+from tests.helpers.ui.browser_driver import Surgeon, wait_for
+
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
+CURSOR = "() => getComputedStyle(document.querySelector('canvas[data-engine]')).cursor"
+STROKE_POINTS = """() => {
+  const node = window.__viserMutable.nodeRefFromName['/surface/stroke'];
+  let count = 0;
+  node?.traverse((part) => { count += part.geometry?.attributes?.position?.count ?? 0; });
+  return count;
+}"""
+OUTLINES = """() => {
+  const found = [];
+  window.__viserMutable.nodeRefFromName['/skull'].traverse((part) => {
+    const settings = part.material?.uniforms;
+    if (settings?.screenspace && settings.thickness) found.push(settings.opacity.value);
+  });
+  return found;
+}"""
+
+
+def middle(surgeon: Surgeon) -> tuple[float, float]:
+    box = surgeon.frame.locator("canvas[data-engine]").bounding_box()
+    assert box is not None
+    return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+
+def mode(surgeon: Surgeon) -> Any:
+    return surgeon.page.locator("#mode")
+
+
+@pytest.fixture(scope="module")
+def at_surface(surgeon: Surgeon) -> Surgeon:
+    surgeon.open_step("Surface")
+    hand.camera_rests(surgeon)
+    return surgeon
+
+
+def test_the_stroke_grows_in_the_scene_while_the_pointer_sweeps(at_surface: Surgeon) -> None:
+    surgeon = at_surface
+    surgeon.button("Sweep the region").click()
+    wait_for(lambda: "/surface/stroke" in surgeon.nodes(), "the stroke")
+    early = surgeon.frame.evaluate(STROKE_POINTS)
+    assert early > 0
+    wait_for(lambda: surgeon.frame.evaluate(STROKE_POINTS) > early, "it to grow")
+    assert "/surface/cloud" in surgeon.nodes()  # that of before stays in sight
+    surgeon.button("Cancel").click()
+    surgeon.wait_idle()
+    wait_for(lambda: "/surface/stroke" not in surgeon.nodes(), "it to go")
+    assert surgeon.errors == []
+
+
+def test_a_drawn_line_stays_until_the_pointer_has_followed_it(at_surface: Surgeon) -> None:
+    surgeon = at_surface
+    x, y = middle(surgeon)
+    surgeon.button("Draw on the skull").click()
+    mode(surgeon).wait_for()
+    surgeon.page.mouse.click(x - 80, y)
+    wait_for(lambda: "/drawing/points" in surgeon.nodes(), "the first point")
+    surgeon.page.mouse.click(x + 80, y + 20)
+    wait_for(lambda: "/drawing/line" in surgeon.nodes(), "the line")
+    surgeon.page.mouse.click(x + 80, y + 90)
+    surgeon.frame.get_by_text("3 points so far").wait_for()
+    surgeon.button("Undo last point").click()
+    surgeon.frame.get_by_text("2 points so far").wait_for()
+    surgeon.button("Finish stroke").click()
+    wait_for(lambda: "/surface/stroke" in surgeon.nodes(), "the pointer on its way")
+    assert "/drawing/line" in surgeon.nodes()
+    surgeon.wait_idle()
+    wait_for(lambda: "/drawing/line" not in surgeon.nodes(), "it to be recorded")
+    assert surgeon.errors == []
+
+
+def test_a_mode_is_told_over_the_scene_by_the_cursor_and_by_its_button(surgeon: Surgeon) -> None:
+    surgeon.open_demo()  # its path fits its cloud
+    surgeon.open_step("Smoothing")
+    assert mode(surgeon).is_hidden()
+    for words, told in (("Move", "Moving points"), ("Delete", "Deleting points")):
+        button = surgeon.frame.get_by_role("button", name=words, exact=True)
+        button.click()
+        wait_for(lambda told=told: told in mode(surgeon).inner_text(), "the mode")
+        assert surgeon.frame.evaluate(CURSOR) == "crosshair"
+        pressed = surgeon.frame.locator("button[aria-pressed=true]")
+        wait_for(lambda pressed=pressed, words=words: pressed.all_inner_texts() == [words], words)
+    surgeon.page.keyboard.press("Escape")
+    mode(surgeon).wait_for(state="hidden")
+    assert surgeon.frame.evaluate(CURSOR) != "crosshair"
+    wait_for(lambda: not surgeon.frame.locator("button[aria-pressed=true]").count(), "none pressed")
+
+
+def test_no_outline_hides_the_bone_while_somebody_points_at_it(surgeon: Surgeon) -> None:
+    surgeon.open_step("Surface")
+    hand.camera_rests(surgeon)
+    surgeon.button("Draw on the skull").click()
+    mode(surgeon).wait_for()
+    x, y = middle(surgeon)
+    surgeon.page.mouse.move(x, y)
+    wait_for(lambda: surgeon.frame.evaluate(OUTLINES), "the outline of what can be clicked")
+
+    def unseen() -> bool:
+        surgeon.page.mouse.move(x + 3, y)
+        surgeon.page.mouse.move(x, y)
+        return set(surgeon.frame.evaluate(OUTLINES)) == {0}
+
+    wait_for(unseen, "the outline to be unseen")
+    surgeon.page.keyboard.press("Escape")
