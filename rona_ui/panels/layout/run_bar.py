@@ -16,6 +16,7 @@ from rona_ui.presentation.shown import probe_on_bone, robot_away
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import escape
 
+FOLLOWED = ("job", "steps", "view", "figures", "judged", "computing")  # by the run bar
 GO_ON, STOP = (0, 105, 77), (176, 0, 32)
 
 
@@ -129,7 +130,7 @@ class RunBar:
         self._progress_words.content = progress_words(new)
         # these follow live joints, not only steps
         rests, self._rests = self._rests, (probe_on_bone(new), robot_away(new))
-        if rests == self._rests and not changed(old, new, "job", "steps", "view"):
+        if rests == self._rests and not changed(old, new, *FOLLOWED):
             return
         if self._to_start is not None:  # its fields, which say what is sent, are there by now
             (wanted, event), self._to_start = self._to_start, None
@@ -163,6 +164,8 @@ class RunBar:
         if after is None or self._kinds[after].start is None or self._kinds[after].seen_first:
             return False
         passed = new.step(self._step).state == "done" and not judged(new, self._step).missed
+        if new.computing:  # what is to be judged is not known yet
+            return False
         following = new.step(after)
         return passed and following.blocked is None and following.state not in ("done", "partial")
 

@@ -1,7 +1,7 @@
 """The procedure by as few clicks as it takes, and a count of what a hand did."""
 
 from tests.helpers.ui import hand
-from tests.helpers.ui.browser_driver import Surgeon, wait_for
+from tests.helpers.ui.browser_driver import STEPS, Surgeon, wait_for
 
 # the steps behind the set-up, and the words of their primary button
 PRIMARY = {
@@ -15,6 +15,7 @@ PRIMARY = {
     "Maps": "Map the boundaries",
 }
 TO_PLAN, TO_MAPS = 6, 11  # clicks from the set-up to a certified plan, and to maps
+MOST = 12  # with the steps that are looked at before it goes on
 COUNT = """(event) => {
   window.removeEventListener(window.countedEvent, window.counter, true);
   window.counted = 0;
@@ -52,14 +53,27 @@ def new_session(surgeon: Surgeon) -> None:
     wait_for(lambda: surgeon.states()[1:3] == ["ready", "ready"], "its steps")
 
 
-def run_next(surgeon: Surgeon, step: str) -> None:
-    """Run the step behind the one that is open, and wait for its end."""
-    if step == "Scan":  # the probe touches the patient: it is not started from another step
-        surgeon.button("Next: 8 Scan").click()
-        hand.unfold(surgeon, "Probe mounting")
-        hand.carry_out(surgeon, "Record on gauge plate")
+def run_next(surgeon: Surgeon, step: str) -> bool:
+    """Run the step behind the one that is open, and wait for its end.
+
+    Returns whether the one that is open had a figure that does not pass, which is to be looked at
+    before: that takes a click more. The scan is never started from another step.
+    """
+    number = STEPS.index(step)
+    looked = surgeon.ask("/sessions/current/quality")
+    doubtful = [
+        row["key"]
+        for row in looked
+        if row["step"] == STEPS[number - 1].lower() and row["verdict"] in ("review", "fail")
+    ]
+    if doubtful or step == "Scan":
+        surgeon.button(f"Next: {number + 1} {step}").click()
+        if step == "Scan":
+            hand.unfold(surgeon, "Probe mounting")
+            hand.carry_out(surgeon, "Record on gauge plate")
         surgeon.button(PRIMARY[step]).click()
     else:
         surgeon.button(f"Continue: {PRIMARY[step]}").click()
     surgeon.wait_state(step, "done")
     surgeon.wait_idle()
+    return bool(doubtful) and step != "Scan"

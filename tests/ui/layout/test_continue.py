@@ -124,6 +124,17 @@ def test_a_step_that_fails_is_looked_at_first(scanned):
     assert offered(at) is None
 
 
+def test_it_waits_for_the_figures_and_goes_when_they_fail(scanned):
+    now = snapshot(scanned, "scan")
+    browser = Browser(replace(now, computing=True))
+    button = next(h for h in browser.gui.handles if h.label.startswith("Continue"))
+    assert not button.visible
+    browser.bar.render(browser.at, now)
+    assert button.visible
+    browser.bar.render(now, replace(now, figures={"contact_force_peak_n": 50.0}))
+    assert not button.visible
+
+
 def test_a_step_that_was_stopped_early_is_looked_at_first(scanned):
     capture = replace(scanned.captures.scan, partial=True)
     stopped = replace(scanned, captures=replace(scanned.captures, scan=capture))
