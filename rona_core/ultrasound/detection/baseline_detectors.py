@@ -68,6 +68,7 @@ def find_largest_echoes(
         confidence=1.0 - other,
         detected=detected,
         sigma_us=np.full(len(level), 2.0 * SIGMA_MM / bone.speed_mm_per_us),
+        slip_chance=np.zeros(len(level)),  # a peak of the envelope has no cycles
         alternative_us=(first + order[:, -2].astype(np.float64)) * step,
         alternative_confidence=other,
     )

@@ -223,9 +223,8 @@ def _judged(
     if method == "subtract":
         quality = inner.confidence * erf(WRONG_MM / np.maximum(sigma, 1e-9) / np.sqrt(2.0))
         unsure = quality < SURE
-        # which echo it is and which of its cycles are doubted for the same reasons
         cycle_mm = half_speed / probe.centre_mhz
-        sigma = np.hypot(sigma, np.sqrt(np.maximum(1.0 - quality, 0.0)) * cycle_mm)
+        sigma = np.hypot(sigma, np.sqrt(np.maximum(inner.slip_chance, 0.0)) * cycle_mm)
     else:
         quality, unsure = np.clip(inner.confidence, 0.0, 1.0), np.zeros(len(sigma), dtype=np.bool_)
     clipped = np.asarray(survey.track.clipped)

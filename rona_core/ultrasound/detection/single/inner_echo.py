@@ -98,7 +98,8 @@ class InnerEchoes:
     lag_us: Floats  # after the front echo; the best guess where it is not detected
     confidence: Floats  # 0 to 1: probability that this is the inner echo
     detected: Bools
-    sigma_us: Floats  # of the lag, if this is the inner echo
+    sigma_us: Floats  # of the lag, if this is the inner echo, in this cycle
+    slip_chance: Floats  # 0 to 1: that the lag is a whole cycle off
     alternative_us: Floats  # lag of the runner-up
     alternative_confidence: Floats  # 0: there is none
 

@@ -201,11 +201,14 @@ def select_inner_echoes(echoes: Echoes, bone: Material, links: Links) -> InnerEc
     doubted = np.clip(DOUBT[0] - DOUBT[1] * behind[rows, best], 0.0, 1.0)
     thick = thick_enough(echoes.merged, found.level[rows, best])
     moved = np.abs(lag - fits.envelope_us) > MOVED_CYCLES * fits.period_us
+    confidence = np.where(moved, MOVED, 1.0) * np.minimum(np.minimum(confidence, doubted), thick)
     return InnerEchoes(
         lag_us=lag,
-        confidence=np.where(moved, MOVED, 1.0) * np.minimum(np.minimum(confidence, doubted), thick),
+        confidence=confidence,
         detected=np.asarray(probability[:, -1] < 0.5),
         sigma_us=sigma,
+        # which echo it is and which of its cycles are doubted for the same reasons
+        slip_chance=1.0 - confidence,
         alternative_us=found.lag_us[rows, second],
         alternative_confidence=others[rows, second],
     )

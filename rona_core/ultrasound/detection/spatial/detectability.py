@@ -28,7 +28,8 @@ RAMP = 0.9, 1.05  # times that: from where on an echo is an inner one, perhaps a
 OUTER_SHARE = 0.4, 0.5  # of bone that is outer table: mostly at most, and never more
 STEP_SHARE = 0.5  # more likely than this within the outer table, a boundary may be its step
 DROWNED = 0.5  # share of sure A-scans below which steps are expected,
-SHALLOW = 0.5  # at less than this share of the depth of the others
+SHALLOW = 0.5  # at less than this share of the depth of the others,
+DEEP = 0.2  # if those are at least this share of the sure ones
 SAME_MM = 1.0  # neighbours closer than this in thickness show the same boundary
 INTERFACE_MM = 0.5  # an interface changes its depth by no more than this between A-scans around,
 FAINTER = 0.5  # and is at least this loud, over what it is here
@@ -67,8 +68,9 @@ def detectability(
 def possible_steps(thickness_mm: Floats, sure: Bools, probe: ProbeModel) -> Bools:
     """Return which sure inner boundaries (n,) may as well be the step from table to diploe.
 
-    Where a survey is sure of fewer than half of its A-scans, most inner echoes have drowned. The
-    few that are less than half as deep as the others may then be thin bone, or its step.
+    Where a survey is sure of fewer than half of its A-scans, most inner echoes have drowned. Those
+    that are less than half as deep as the others may then be thin bone, or its step, and there may
+    be more of them than of the inner echoes that are left.
 
     Args:
         thickness_mm: Of the bone, as found (n,).
@@ -78,10 +80,9 @@ def possible_steps(thickness_mm: Floats, sure: Bools, probe: ProbeModel) -> Bool
     in_table = sure & (within_table(thickness_mm, probe) > STEP_SHARE)
     deep = sure & ~in_table
     none = np.zeros(len(sure), dtype=np.bool_)
-    if not deep.any() or sure.mean() >= DROWNED:
+    if not deep.any() or sure.mean() >= DROWNED or deep.sum() < DEEP * sure.sum():
         return none
-    shallow = in_table & (thickness_mm < SHALLOW * np.median(thickness_mm[deep]))
-    return shallow if shallow.sum() < deep.sum() else none
+    return in_table & (thickness_mm < SHALLOW * np.median(thickness_mm[deep]))
 
 
 def within_table(depth_mm: Floats, probe: ProbeModel) -> Floats:

@@ -21,6 +21,7 @@ from rona_core.geometry.arrays import Bools, Floats, Ints, as_floats
 from rona_core.ultrasound.detection.single.candidates import BLOCK, Echoes
 from rona_core.ultrasound.detection.single.front_echo import standoff_mm, subtract_fronts
 from rona_core.ultrasound.detection.single.inner_echo import InnerEchoes, bone_filter
+from rona_core.ultrasound.detection.spatial.cycle_slips import slip_chances
 from rona_core.ultrasound.detection.spatial.detectability import detectability
 from rona_core.ultrasound.detection.spatial.neighbours import (
     LEAST_NEIGHBOURS,
@@ -66,6 +67,17 @@ class _Weighed:
     offsets_us: Floats  # (t,)
     likelihood: Singles  # (n, s, t) logarithm
     level: Singles  # (n, s, t) natural logarithm of the echo over a nominal one
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Settled:
+    """What the A-scans (n,) come to."""
+
+    lag_us: Floats  # (n,)
+    sigma_us: Floats  # (n,)
+    level: Floats  # (n,) natural logarithm
+    slopes: Floats  # (n, 2) of the inner time, us per mm
+    slip_chance: Floats  # (n,)
 
 
 def beam_transform(probe: ProbeModel, frequencies_mhz: Floats, slopes: Floats) -> Complexes:
@@ -118,18 +130,20 @@ def correct_oblique_echoes(
         outer_slope = _outer_slope(places, standoff, survey.axes[rows] @ to_plane, around)
     slope_known = around.known & (upright or survey.axes is not None)
     start = found.lag_us[rows], found.sigma_us[rows]
-    lag, sd, level, slope = _settled(weighed, start, around, outer_slope, slope_known, probe)
+    settled = _settled(weighed, start, around, outer_slope, slope_known, probe)
     times, sigmas = found.lag_us.copy(), found.sigma_us.copy()
     width_mm = 2.0 * probe.aperture_radius_mm
-    bent = width_mm**2 * np.hypot(BEND_US_PER_MM2, BEND_PER_MM * np.hypot(*slope.T))
+    bent = width_mm**2 * np.hypot(BEND_US_PER_MM2, BEND_PER_MM * np.hypot(*settled.slopes.T))
     cycles = STRUCTURE_CYCLES if upright else TILTED_CYCLES
     structure = np.hypot(bent, cycles / probe.centre_mhz)
-    times[rows], sigmas[rows] = lag, np.hypot(sd, structure)
+    times[rows], sigmas[rows] = settled.lag_us, np.hypot(settled.sigma_us, structure)
+    slipped = found.slip_chance.copy()
+    slipped[rows] = settled.slip_chance
     # a time that is known better makes no echo more certain than it was
     surer = _within(sigmas, bone) / np.maximum(_within(found.sigma_us, bone), 1e-12)
     confidence = found.confidence / np.maximum(surer, 1.0)
-    confidence[rows] *= detectability(level, lag, rows, links, probe, bone)
-    return replace(found, lag_us=times, sigma_us=sigmas, confidence=confidence)
+    confidence[rows] *= detectability(settled.level, settled.lag_us, rows, links, probe, bone)
+    return replace(found, lag_us=times, sigma_us=sigmas, confidence=confidence, slip_chance=slipped)
 
 
 def _settled(
@@ -139,8 +153,8 @@ def _settled(
     outer_slope: Floats,
     slope_known: Bools,
     probe: ProbeModel,
-) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return times (n,), deviations, logarithms of levels, and slopes (n, 2) of the inner time.
+) -> _Settled:
+    """Return times, and with them what is known of them.
 
     Each round weighs times and slopes by what the neighbours came to in the one before.
 
@@ -155,6 +169,7 @@ def _settled(
     start_us, sigma_us = start
     lag, sd = start_us, np.maximum(sigma_us, SCATTER_FLOOR)
     level, slopes = np.zeros(len(lag)), np.zeros((len(lag), 2))
+    alone: Floats = np.zeros(0)
     held = _held(weighed, probe)
     slope_sd = np.where(slope_known, SLOPE_SD, UNKNOWN_SD)[:, None]
     for turn in range(ROUNDS):
@@ -162,15 +177,26 @@ def _settled(
         slope = np.where(slope_known, np.hypot(*(slopes + outer_slope).T), 0.0)
         unlike = (weighed.slopes - slope[:, None]) / slope_sd
         usual = _usual_level(weighed, slope)
-        log_chance = weighed.likelihood - 0.5 * ((weighed.level - usual) / LEVEL_SD) ** 2
-        log_chance = log_chance - 0.5 * unlike[:, :, None] ** 2 - held
+        alone = weighed.likelihood - 0.5 * ((weighed.level - usual) / LEVEL_SD) ** 2
+        alone = alone - 0.5 * unlike[:, :, None] ** 2
+        log_chance = alone - held
         if turn:
             off = (start_us - expected)[:, None] + weighed.offsets_us
             residual = off / np.hypot(scatter, EXPECTED_SD_US)[:, None]  # standardised
             together = -NEIGHBOUR_WEIGHT * np.log1p(0.5 * residual**2)
             log_chance = log_chance + np.where(around.known[:, None], together, 0.0)[:, None, :]
         lag, sd, level = _mean(weighed, log_chance, start_us)
-    return lag, sd, level, slopes
+    period_us = 1.0 / probe.centre_mhz
+    slipped = slip_chances(
+        _over_slopes(alone), weighed.offsets_us, lag - start_us, sigma_us, period_us
+    )
+    return _Settled(lag, sd, level, slopes, slipped)
+
+
+def _over_slopes(log_chance: Floats) -> Floats:
+    """Return the logarithm of the chance (n, t) of a time with any slope."""
+    most = log_chance.max(axis=1)
+    return np.asarray(most + np.log(np.exp(log_chance - most[:, None, :]).sum(axis=1)))
 
 
 def _held(weighed: _Weighed, probe: ProbeModel) -> Singles:

@@ -83,20 +83,21 @@ def test_a_step_is_not_kept_where_the_inner_echo_drowns_and_thin_hard_bone_is(th
         assert np.abs(error[found.inner_ok]).max() < 1.0
 
 
-def test_a_few_shallow_boundaries_may_be_steps_where_most_inner_echoes_have_drowned():
-    """288 of 1954 A-scans at 6.3 mm and 36 at 2.1: bone that is thin there, or its step."""
+@pytest.mark.parametrize(("deep", "shallow"), [(288, 36), (288, 300), (100, 390)])
+def test_shallow_boundaries_may_be_steps_where_most_inner_echoes_have_drowned(deep, shallow):
+    """A-scans at 6.3 mm and at 2.1, of 1954: bone that is thin there, or its step."""
     thickness = np.full(1954, 2.1)
-    thickness[:288] = 6.3
-    sure = np.arange(1954) < 324
+    thickness[:deep] = 6.3
+    sure = np.arange(1954) < deep + shallow
     found = possible_steps(thickness, sure, PROBE)
-    np.testing.assert_array_equal(np.flatnonzero(found), np.arange(288, 324))
+    np.testing.assert_array_equal(np.flatnonzero(found), np.arange(deep, deep + shallow))
 
 
 @pytest.mark.parametrize(
     ("deep", "shallow", "shallow_mm"),
     [
         (1100, 36, 2.1),  # most are heard
-        (288, 300, 2.1),  # the shallow ones are the rule
+        (100, 500, 2.1),  # nearly all are thin
         (288, 36, 3.4),  # bone that becomes thinner
         (0, 36, 2.1),  # nothing is known to be deeper
     ],
