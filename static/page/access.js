@@ -63,7 +63,7 @@ listen("pointerdown", (event) => { if (event.target.ownerDocument === inside()) 
 function focus(page) {
   if (!last || !wasIn || (last.isConnected && !last.disabled)) return;
   if (page.activeElement && page.activeElement !== page.body) return;
-  const next = ["cancel", "next", "start"].map(docked).find((found) => found && !found.disabled);
+  const next = ["cancel", "continue", "next", "start"].map(docked).find((found) => found && !found.disabled);
   if (next && link.view) next.focus({ preventScroll: true });
 }
 

@@ -95,7 +95,8 @@ class RunBar:
         """Add the buttons; ``panels`` are those that are built, ``kinds`` those of all steps."""
         self._panels, self._kinds, self._context = panels, kinds, context
         self._step, self._rests = "setup", (False, False)
-        self._to_start: tuple[str, Any] | None = None  # step, once it is open, and who asked for it
+        # the step that is left, the one to be started once it is open, and who asked for it
+        self._to_start: tuple[str, str, Any] | None = None
         self._start = gui.add_button("Start", icon="player-play")
         self._progress_words = gui.add_html("")
         self._progress = gui.add_progress_bar(0.0, visible=False)
@@ -121,8 +122,19 @@ class RunBar:
         """Open the step behind the active one; the event ``starts`` has it started, too."""
         after = step_after(self._step)
         if after is not None:
-            self._to_start = None if starts is None else (after, starts)
+            self._to_start = None if starts is None else (self._step, after, starts)
             self._context.set_view(step=after, drawing=None, picks=())
+
+    def _start_opened(self, step: str) -> None:
+        """Start the step that is open if it was opened for that; its fields are there by now."""
+        if self._to_start is None:
+            return
+        left, wanted, event = self._to_start
+        if step == left:  # a picture that was on its way already
+            return
+        self._to_start = None
+        if step == wanted:
+            self._context.send(self._panels[step].message, event)
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow step, job, and whether the probe stands on the bone."""
@@ -132,10 +144,7 @@ class RunBar:
         rests, self._rests = self._rests, (probe_on_bone(new), robot_away(new))
         if rests == self._rests and not changed(old, new, *FOLLOWED):
             return
-        if self._to_start is not None:  # its fields, which say what is sent, are there by now
-            (wanted, event), self._to_start = self._to_start, None
-            if wanted == step:
-                self._context.send(self._panels[step].message, event)
+        self._start_opened(step)
         panel, state = self._panels[step], new.step(step)
         self._step, busy = step, new.busy
         drawing = new.view.drawing is not None

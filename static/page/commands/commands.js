@@ -54,6 +54,12 @@ function cameras() {
 
 const words = (name) => docked(name)?.textContent.trim();
 
+// Ask for another value of the view; a second press counts from it, also before the view has come.
+function turn(what, value) {
+  view()[what] = value;
+  act(what, value);
+}
+
 register(
   { id: "start", group: "Step", title: "Run the step", key: "Ctrl+Enter", label: () => words("start") || "Run the step",
     enabled: () => view() && pressable("start"), run: () => docked("start").click() },
@@ -75,11 +81,11 @@ register(
   { id: "cut-off", group: "Cut", title: "No cut", enabled: () => view() && !view().drawing, run: () => act("cut", "off") },
   { id: "cut-lengthwise", group: "Cut", title: "Cut lengthwise", key: "X",
     enabled: () => view() && !view().drawing,
-    run: () => act("cut", view().cut === "off" ? "lengthwise" : "off") },
+    run: () => turn("cut", view().cut === "lengthwise" ? "off" : "lengthwise") },
   { id: "cut-crosswise", group: "Cut", title: "Cut crosswise",
     enabled: () => view() && !view().drawing, run: () => act("cut", "crosswise") },
   { id: "all-layers", group: "Layers", title: "All layers", key: "Y",
-    enabled: view, run: () => act("all_layers", !view().all_layers) },
+    enabled: view, run: () => turn("all_layers", !view().all_layers) },
   { id: "report", group: "Session", title: "Report", icon: "report", enabled: session, run: report },
   { id: "screenshot", group: "Scene", title: "Screenshot of the scene", key: "P", icon: "screenshot",
     enabled: view, run: screenshot },

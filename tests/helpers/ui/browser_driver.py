@@ -75,6 +75,7 @@ SESSION = "() => JSON.parse(document.querySelector('[data-page]').dataset.state)
 OPEN_DEMO = "async () => (await (await fetch('/api/v1/sessions/demo', {method: 'POST'})).json()).id"
 PUT = """async ([path, body]) => (await fetch('/api/v1/sessions/current' + path, {method: 'POST',
   headers: {'Content-Type': 'application/json'}, body: JSON.stringify(body)})).status"""
+CLOSE = "async (id) => (await fetch(`/api/v1/sessions/${id}`, {method: 'DELETE'})).status"
 ASK = "async (path) => (await fetch('/api/v1' + path)).json()"
 STATES = """() => [...document.querySelectorAll('.r-step .r-badge')].map((e) => e.textContent)"""
 # names of what is to be seen; parents that stay behind, empty, when their last child goes do not
@@ -213,6 +214,13 @@ class Surgeon:
         made = self.page.evaluate(OPEN_DEMO)
         self.wait_session(made)
         wait_for(lambda: self.states() == ["done"] * len(STEPS), "its steps")
+
+    def close_others(self) -> None:
+        """Close all sessions but the one that is shown."""
+        shown = self.ask("/sessions/current")["id"]
+        for other in self.ask("/sessions"):
+            if other["id"] != shown:
+                assert self.page.evaluate(CLOSE, other["id"]) == 204
 
     def wait_session(self, key: str) -> None:
         """Wait until the docks show a session: until then a step may be that of the one before."""

@@ -44,4 +44,5 @@ def surgeon(server: str, browser: Any, pictures: Path) -> Iterator[Surgeon]:
     """A new page of the shared server, on the demo session as it is on file."""
     with surgeon_at(browser, server, pictures) as surgeon:
         surgeon.open_demo()
+        surgeon.close_others()  # a server has a limit to those that are open
         yield surgeon

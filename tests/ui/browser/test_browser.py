@@ -158,7 +158,7 @@ def test_ten_steps_by_hand_with_the_mouse_alone_then_saved_and_opened_again(
         surgeon.picture(step.lower())
         surgeon.button("Finish stroke").click()
         surgeon.wait_state(step, "done")
-        assert "/drawing/line" not in surgeon.nodes()
+        wait_for(lambda: "/drawing/line" not in surgeon.nodes(), "the line to be recorded")
     wait_for(lambda: "/path/raw" in surgeon.nodes(), "the path in the scene")
 
     surgeon.open_step("Smoothing")

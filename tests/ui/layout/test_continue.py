@@ -91,6 +91,15 @@ def test_a_click_opens_the_next_step_and_sends_what_its_primary_button_does(scan
     assert len(browser.sent) == 1  # once
 
 
+def test_a_picture_that_was_on_its_way_does_not_keep_it_from_starting(scanned):
+    before = snapshot(scanned, "scan")
+    browser = Browser(before)
+    browser.gui.find("button", "Continue: Map the boundaries").happen(FakeClient())
+    browser.bar.render(before, replace(before, computing=True))  # still of the step that is left
+    browser.draw(before)
+    assert [type(message) for message in browser.sent] == [StartMapping]
+
+
 def test_next_opens_the_step_alone(scanned):
     browser = Browser(snapshot(scanned, "scan"))
     browser.click("Next: 9 Maps")
