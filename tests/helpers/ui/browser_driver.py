@@ -218,7 +218,7 @@ class Surgeon:
     def close_others(self) -> None:
         """Close all sessions but the one that is shown."""
         shown = self.ask("/sessions/current")["id"]
-        for other in self.ask("/sessions"):
+        for other in self.ask("/sessions")["sessions"]:
             if other["id"] != shown:
                 assert self.page.evaluate(CLOSE, other["id"]) == 204
 

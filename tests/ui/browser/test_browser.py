@@ -252,6 +252,7 @@ def test_a_value_out_of_range_is_told_and_the_field_shows_the_truth(surgeon: Sur
 def test_all_steps_by_keys_alone(surgeon: Surgeon) -> None:
     new_session(surgeon)
     count(surgeon, "pointerdown")
+    surgeon.button("Continue: Move and register").wait_for()  # once the figures are known
     surgeon.page.keyboard.press("Control+Shift+Enter")  # opens the tool's step and runs it
     surgeon.wait_state("Tool", "done")
     for step in STEPS[2:9]:
