@@ -40,12 +40,11 @@ def capture_hand(
 ) -> PointerCapture:
     """Record the marker of a tool in the hand, the pointer if none is named, while it moves.
 
-    The frames themselves go to ``keep``, and are shown meanwhile.
+    The frames themselves go to ``keep``; with it, they are shown while they come.
     """
     pointer = session.setup.devices.pointer if tool is None else tool
     ordinal = begin(session, context)
     duration_s = prepare()
-
     frames: list[TrackerFrame] = [] if keep is None else keep
 
     def until(frame: TrackerFrame) -> bool:

@@ -172,9 +172,9 @@ class RunBar:
         after = step_after(self._step)
         if after is None or self._kinds[after].start is None or self._kinds[after].seen_first:
             return False
-        passed = new.step(self._step).state == "done" and not judged(new, self._step).missed
         if new.computing:  # what is to be judged is not known yet
             return False
+        passed = new.step(self._step).state == "done" and not judged(new, self._step).missed
         following = new.step(after)
         return passed and following.blocked is None and following.state not in ("done", "partial")
 
