@@ -218,8 +218,8 @@ def _sampling(
     places = _cells_map(boundary)[:, :2]
     near = KDTree(samples.places_mm).query(places, k=min(NEAREST, len(sigma_mm)))[1]
     timing = np.sqrt(np.mean(sigma_mm[near.reshape(len(places), -1)] ** 2, axis=1))
-    # samples that scatter more than they state are no better than they scatter
-    timing = np.maximum(timing, samples.scatter_mm).reshape(shape)
+    # two estimates of one variance: what the samples state here, and how all of them scatter
+    timing = np.sqrt(0.5 * (timing**2 + samples.scatter_mm**2)).reshape(shape)
     apart = surface.sigmas_mm(places).reshape(shape)
     return (
         ErrorTerm(
