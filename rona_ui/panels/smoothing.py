@@ -15,7 +15,7 @@ from rona_ui.presentation.shown import shown_path
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.presentation.view_state import EDITS, Drawing, Preview
 
-METRICS = {"K1: maximum deviation": "k1", "K2: RMS deviation": "k2", "K3: area": "k3"}
+METRICS = {"Max. deviation (Hausdorff)": "k1", "RMS deviation": "k2", "Area": "k3"}
 METHODS = {
     "Fewest points": "optimal",
     "Few points, fast": "fast",
@@ -61,7 +61,7 @@ class SmoothingPanel(StepPanel):
         on_change(tolerance, self._drag)
         with gui.add_folder("Advanced", expand_by_default=False):
             form.choice("method", "Method", METHODS, "optimal")
-            form.choice("metric", "Error metric", METRICS, "k1", "For K3 the tolerance is in mm²")
+            form.choice("metric", "Error metric", METRICS, "k1", "With the metric Area the tolerance is in mm²")
             form.number("filter_s", "Filter σ (s)", 0.05, 0.0, 1.0, 0.01, "0: no filter")
             form.choice("normal_method", "Normal estimation", NORMALS, "jet")
             form.numbers(*NORMAL_FIELDS)

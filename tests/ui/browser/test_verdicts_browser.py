@@ -29,7 +29,7 @@ def test_a_moved_path_point_fails_in_list_panel_and_table_alike(surgeon: Surgeon
     wait_for(lambda: "fail" in row_of(surgeon, "Smoothing"), "the list to say so")
     surgeon.tab("Quality")
     surgeon.frame.get_by_text("✖ fail: ").first.wait_for()  # how many, above the table
-    row = surgeon.frame.locator(".r-table tr", has_text="Path deviation").first
+    row = surgeon.frame.locator(".r-table tr", has_text="Max. path deviation").first
     wait_for(lambda: "✖ fail" in row.inner_text(), "the table to say so")
     assert surgeon.button("Continue").is_hidden()  # it is looked at first
     assert surgeon.errors == []

@@ -140,7 +140,7 @@ def test_our_own_writes_and_a_busy_program_start_no_preview(smoothed) -> None:
     panel.render(None, snapshot(handle(SmoothScanPath(tolerance_mm=3.0, metric="k2"), smoothed)))
     slider = gui.find("slider", "Tolerance (mm)")
     assert slider.value == 3.0, "fields follow the result, after undo as well"
-    assert gui.find("dropdown", "Error metric").value == "K2: RMS deviation"
+    assert gui.find("dropdown", "Error metric").value == "RMS deviation"
     slider.happen(None)
     assert recorder.settled == []
     assert recorder.shown.preview is None

@@ -20,7 +20,7 @@ def _summary(session: Session) -> str:
     smooth = held.value
     kept, off_mm = smooth.simplified, float(smooth.from_filtered_mm.max())
     by_hand = f", {len(session.path_edits)} by hand" if len(session.path_edits) else ""
-    return f"{kept.n_original} to {len(kept.index)} points, K1 {off_mm:.2f} mm{by_hand}"
+    return f"{kept.n_original} to {len(kept.index)} points, max. deviation {off_mm:.2f} mm{by_hand}"
 
 
 STEP = declare.Step(
