@@ -14,8 +14,9 @@ from rona_core.session.document import Session
 from rona_core.session.specimen import LoadedSkull
 from rona_ui.panels.tool.tool import VERDICTS
 from rona_ui.panels.widgets import style
+from rona_ui.panels.widgets.drawing_controls import DrawingControls, Lifts, Picks
+from rona_ui.panels.widgets.import_controls import ImportControls
 from rona_ui.panels.widgets.step_panel import StepPanel
-from rona_ui.panels.widgets.stroke_sources import DrawingControls, ImportControls
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import escape
 
@@ -37,7 +38,7 @@ class SurfacePanel(StepPanel):
         self.form.number(
             "average_s", "Averaging (s)", 0.1, 0.0, 2.0, 0.05, "Moving average along a stroke"
         )
-        self._drawing = DrawingControls(self.gui, self.context, "surface", self._stroke)
+        self._drawing = DrawingControls(self.gui, self.context, "surface", self._strokes)
         self._rebuild = self.context.send_button(
             self.gui,
             "Rebuild point cloud",
@@ -51,9 +52,11 @@ class SurfacePanel(StepPanel):
         self._registered = self.gui.add_html("")
         self._import = ImportControls(self.gui, self.context, "surface")
 
-    def _stroke(self, picks: tuple[Any, ...]) -> Any:
-        duration_s = max(3.0, 0.5 * len(picks))
-        return StartSurfaceCapture(duration_s=duration_s, picks_base_mm=picks, append=True)
+    def _strokes(self, picks: Picks, lifts: Lifts) -> Any:
+        duration_s = min(600.0, max(3.0 * (len(lifts) + 1), 0.5 * len(picks)))
+        return StartSurfaceCapture(
+            duration_s=duration_s, picks_base_mm=picks, append=True, lifts=lifts
+        )
 
     def message(self) -> Any:
         """Return the sweep."""

@@ -141,6 +141,7 @@ class ViewState:
     speed: float = 4.0  # of the replay, as a multiple of real time
     drawing: Drawing | None = None  # what a click on the skull adds to
     picks: tuple[Point, ...] = ()  # in base, mm
+    lifts: tuple[int, ...] = ()  # numbers of the picks before which the pointer is lifted
     moved_point: int | None = None  # number of the point of the smoothed path that is being moved
     move_target: Point | None = None  # where it is held, in base, mm
     center: Point | None = None  # of the pattern that is to be made

@@ -12,6 +12,7 @@ from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose
 from rona_core.session.memo import Memo
 from rona_ui.presentation.colors import ORANGE, STEEL
+from rona_ui.presentation.drawn_strokes import starts
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.presentation.static_scene import StaticScene
 from rona_ui.scene.layer import Layer, lift
@@ -87,13 +88,14 @@ def handle_rotation(wxyz: ArrayLike) -> Floats:
 class DrawingLayer(Layer):
     """Draws the points clicked on the skull and the line through them."""
 
-    follows = ("view.picks",)
+    follows = ("view.picks", "view.lifts")
 
     def draw(self, new: Snapshot) -> None:
         """Follow the picks."""
         points, up = np.array(new.view.picks, dtype=np.float64).reshape(-1, 3), lift(new, LIFT_MM)
-        line = over_skull(points, new.static_scene)
-        self.nodes.lines(LINE, segments(line + up), ORANGE, width_px=4.0)
+        strokes = np.split(points, starts(new.view)[1:])
+        lines = [segments(over_skull(stroke, new.static_scene) + up) for stroke in strokes]
+        self.nodes.lines(LINE, np.concatenate(lines), ORANGE, width_px=4.0)
         self.nodes.cloud(PICKS, points + up, ORANGE, size_mm=1.0)
 
 

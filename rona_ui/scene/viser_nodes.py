@@ -17,6 +17,7 @@ from rona_ui.presentation.colors import Rgb, viridis
 from rona_ui.viewer.unseen_node import UnseenNode
 
 M_PER_MM = 0.001
+HANDLE_PX = 5.0  # width of a handle; the viewer takes a press up to twice as far beside it
 UPRIGHT = Pose.from_rotvec((np.pi, 0.0, 0.0))  # the viewer counts the rows of pictures along +y
 DOTS_MM = 0.5  # between dots that look like a line
 SHADES = 8  # of viridis in lines
@@ -260,6 +261,7 @@ class SceneNodes:
             disable_axes=True,
             disable_sliders=True,
             depth_test=False,
+            line_width=HANDLE_PX,
             wxyz=pose.wxyz(),
             position=metres(pose.translation),
         )

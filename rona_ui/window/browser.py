@@ -28,10 +28,11 @@ from rona_ui.presentation.camera import (
     about_pointer,
     camera_pose,
 )
+from rona_ui.presentation.drawn_strokes import with_pick
 from rona_ui.presentation.shown import opening_view, shown_preset
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState
-from rona_ui.scene.path.path_editing import STROKES, extended, point_at
+from rona_ui.scene.path.path_editing import STROKES, point_at
 from rona_ui.scene.pointer import handle_rotation
 from rona_ui.scene.renderer import SceneRenderer
 from rona_ui.scene.viser_nodes import M_PER_MM, metres
@@ -154,7 +155,7 @@ class Browser:
             place = self._hub.get().rig().display.pick(origin_base, ray)
             if place is not None and self._view.drawing is not None:
                 x, y, z = (float(v) for v in place)
-                self.change_view(lambda v: replace(v, picks=extended(v.picks, (x, y, z))))
+                self.change_view(lambda v: with_pick(v, (x, y, z), phase))
 
         def edit() -> None:
             bench, before = self._hub.get(), self._view

@@ -10,6 +10,40 @@ function show(view) {
   $("mode").hidden = !view.mode;
   $("modewords").textContent = view.mode;
   inside()?.documentElement.toggleAttribute("data-mode", Boolean(view.mode));
+  aim();
+}
+
+// ---------------------------------------------------------------- footprint of probe or brush
+
+const MOST_PX = 120; // browsers show no larger cursor
+const SETTLED_MS = 500; // the camera has come to rest after a turn of the wheel
+
+// Pixels that a millimetre takes across the view at a place of the scene (mm).
+function pixelsPerMm(place) {
+  const scene = viewer.contentWindow.__viserMutable, skull = scene?.nodeRefFromName?.["/skull"];
+  if (!skull || !scene.camera || !scene.canvas) return 0;
+  const at = skull.position.clone().set(...place.map((mm) => mm / 1000)).applyMatrix4(skull.parent.matrixWorld);
+  const depth = -at.applyMatrix4(scene.camera.matrixWorldInverse).z;
+  return scene.canvas.clientHeight / 2000 * scene.camera.projectionMatrix.elements[5] / depth;
+}
+
+function ring(width) {
+  const size = Math.ceil(width) + 4, half = size / 2;
+  const circle = (color, thick) => `<circle cx="${half}" cy="${half}" r="${width / 2}" fill="none" stroke="${color}" stroke-width="${thick}"/>`;
+  const dot = `<circle cx="${half}" cy="${half}" r="1.5" fill="#1b2836"/>`;
+  const drawn = circle("#fff", 3) + circle("#1b2836", 1.2) + dot;
+  const image = `<svg xmlns="http://www.w3.org/2000/svg" width="${size}" height="${size}">${drawn}</svg>`;
+  return `url("data:image/svg+xml,${encodeURIComponent(image)}") ${Math.round(half)} ${Math.round(half)}, crosshair`;
+}
+
+// The cursor is as wide as what it stands for, at the distance of the region.
+function aim() {
+  const wide = link.view?.footprint, style = inside()?.documentElement?.style;
+  if (!style) return;
+  const width = wide ? wide.width_mm * pixelsPerMm(wide.place_mm) : 0;
+  const fits = width > 4 && width < MOST_PX;
+  const wanted = fits ? ring(Math.round(width)) : "crosshair";
+  if (style.getPropertyValue("--r-cursor") !== wanted) style.setProperty("--r-cursor", wanted);
 }
 
 // The button of the mode, among those of its group: the viewer shows none as pressed.
@@ -29,6 +63,7 @@ function quiet() {
   const now = performance.now();
   if (!link.view?.mode || now - looked < LOOK_MS) return;
   looked = now;
+  aim(); // the camera may have moved
   viewer.contentWindow.__viserMutable?.nodeRefFromName?.["/skull"]?.traverse((part) => {
     const settings = part.material?.uniforms;
     if (settings?.screenspace && settings.thickness) settings.opacity.value = 0;
@@ -38,3 +73,4 @@ function quiet() {
 follow("view", show);
 follow("drawn", press);
 listen("pointermove", quiet);
+listen("wheel", () => { if (link.view?.footprint) setTimeout(aim, SETTLED_MS); });

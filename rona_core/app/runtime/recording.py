@@ -89,6 +89,15 @@ def capture_stroke(
     return replace(taken, head=ToolTrack.from_frames("headmarker", frames[::every]))
 
 
+def part_of(context: ActivityContext, start: float, share: float) -> ActivityContext:
+    """Return the context for a part of an activity: its progress goes from ``start`` on."""
+
+    def progress(done: float) -> None:
+        context.progress(start + share * done)
+
+    return replace(context, progress=progress)
+
+
 def record_frames(
     context: ActivityContext, ended: Callable[[TrackerFrame], bool], frames: list[TrackerFrame]
 ) -> bool:

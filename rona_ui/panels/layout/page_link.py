@@ -16,6 +16,7 @@ from rona_core.app.runtime.session_step import Redo, Undo
 from rona_core.errors import InvalidInputError
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change
 from rona_ui.presentation.camera import HEAD, ROOM, TABLE
+from rona_ui.presentation.footprint import footprint
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.presentation.view_state import EDITS, LAYERS, MODES, NEEDED, CutDirection
 from rona_ui.viewer.bindings import Event, escape
@@ -33,9 +34,11 @@ SHOWN = (
     "view.cut_offset_mm",
     "view.cut_maps",
     "view.drawing",
+    "view.brush_mm",
     "static_scene",
     "session.id",
     "session.captures",
+    "session.setup.devices.probe",
 )
 
 
@@ -105,6 +108,7 @@ class PageLink:
             "drawing": view.drawing is not None,
             "mode": "" if view.drawing is None else MODES[view.drawing],
             "pressed": next((words for words, mode in EDITS.items() if mode == view.drawing), ""),
+            "footprint": footprint(new),
             "cameras": _cameras(scene),
             "layers": [
                 {

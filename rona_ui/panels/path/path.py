@@ -5,10 +5,11 @@ from typing import Any
 from rona_core.app.steps.path.messages import GenerateScanPattern, StartPathCapture
 from rona_ui.panels.path.painting import PaintingControls
 from rona_ui.panels.widgets import style
+from rona_ui.panels.widgets.drawing_controls import DrawingControls, Lifts, Picks
 from rona_ui.panels.widgets.form import Form
+from rona_ui.panels.widgets.import_controls import ImportControls
 from rona_ui.panels.widgets.panel_context import PanelContext
 from rona_ui.panels.widgets.step_panel import StepPanel
-from rona_ui.panels.widgets.stroke_sources import DrawingControls, ImportControls
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState
 
@@ -39,7 +40,7 @@ class PathPanel(StepPanel):
         self._pattern = PatternControls(self.gui, self.context)
         self._import = ImportControls(self.gui, self.context, "path")
 
-    def _line(self, picks: tuple[Any, ...]) -> Any:
+    def _line(self, picks: Picks, _lifts: Lifts) -> Any:
         duration_s = max(5.0, 0.5 * len(picks))
         return StartPathCapture(duration_s=duration_s, picks_base_mm=picks)
 

@@ -21,14 +21,13 @@ from rona_core.errors import InvalidInputError, RonaError
 from rona_core.geometry.arrays import Floats, Vector3
 from rona_core.session.document import Session
 from rona_ui.presentation.colors import PURPLE, SKY, YELLOW, Rgb
+from rona_ui.presentation.drawn_strokes import extended
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.presentation.view_state import PAINTING, Point, ViewState
 from rona_ui.scene.layer import Layer, lift
 from rona_ui.scene.viser_nodes import NO_LINES, NO_POINTS, segments
 
 STROKES = ("surface", "path")  # drawn with the pointer itself
-DRAG_STEP_MM = 1.5  # a drag adds a point once it has come so far
-MOST_POINTS = 500  # of a stroke or boundary
 LIFT_MM = 2.0
 MARK_MM = 1.4
 MOVED_POINT, MOVE_TARGET = "/edit/grabbed", "/edit/place"
@@ -136,12 +135,6 @@ def _found(points: Floats, eye_base: Vector3, ray: Vector3) -> int:
 def _point(place: Vector3) -> Point:
     x, y, z = (float(part) for part in place)
     return x, y, z
-
-
-def extended(points: tuple[Point, ...], point: Point) -> tuple[Point, ...]:
-    """Return points with one more, unless it is too near to the last or there are too many."""
-    near = bool(points) and np.linalg.norm(np.subtract(points[-1], point)) < DRAG_STEP_MM
-    return points if near or len(points) >= MOST_POINTS else (*points, point)
 
 
 class EditLayer(Layer):

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from rona_core.devices.tracker_volumes import VOLUMES
 from rona_core.geometry.arrays import Vector3
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_ui.presentation.shown import shown_joints
@@ -56,6 +57,8 @@ def labels(snapshot: Snapshot) -> dict[str, Vector3]:
         return found
     if view.shows("tracker"):
         found["Tracker"] = scene.T_base_tracker @ np.array((0.0, -110.0, 0.0))
+        volume = VOLUMES[snapshot.session.setup.devices.tracker.profile]
+        found["Tracker volume"] = scene.T_base_tracker @ volume.section(volume.near_mm)[0]
     for tool, place in marker_places(snapshot).items():
         if view.shows("robot" if tool == "toolmarker" else "tracker"):
             seen = None if snapshot.frame is None else sight_of(snapshot.frame, tool)

@@ -10,7 +10,7 @@ from rona_core.app.declarations.declarations import ActivityContext
 from rona_core.app.steps.surface.derivation import tip_track
 from rona_core.app.steps.surface.growing_stroke import StrokeGrower
 from rona_core.app.steps.surface.messages import StartSurfaceCapture
-from rona_core.app.steps.surface.step import capture_surface
+from rona_core.app.steps.surface.step import record_strokes
 from rona_core.compose import build_virtual_rig
 from rona_core.devices.live import Live
 from rona_core.session.codec import digest
@@ -48,7 +48,8 @@ def swept(demo, rig, live):
     context = ActivityContext(
         devices=lambda: rig, live=live, import_skull=lambda *_, **__: None, uploads=Path()
     )
-    return capture_surface(StartSurfaceCapture(duration_s=DURATION_S), demo, context)
+    stored, _ = record_strokes(StartSurfaceCapture(duration_s=DURATION_S), demo, context)
+    return stored.capture
 
 
 @pytest.fixture(scope="module")

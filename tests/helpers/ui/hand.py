@@ -10,6 +10,7 @@ from tests.helpers.ui.browser_driver import PAUSE_S, Surgeon, wait_for
 
 MOVE_S = 0.03  # between two moves of a hand while a pivot is recorded in real time
 ARC = 0.65  # radius of a handle over the size of all handles
+BESIDE_PX = 7.0  # of the middle of a handle: no hand hits a thin arc
 TILT_RAD = np.deg2rad(28.0)
 HANDLES = """(places) => {
   const m = window.__viserMutable, node = m.nodeRefFromName['/pivot_handles'];
@@ -79,11 +80,18 @@ def pivot(surgeon: Surgeon, size_m: float) -> None:
     mouse, box = surgeon.page.mouse, surgeon.page.locator("iframe#viewer").bounding_box()
     turns = np.pi / 4.0 + TILT_RAD * np.sin(np.linspace(0.0, 2.0 * np.pi, 49))
     circle = ARC * size_m * np.column_stack((np.cos(turns), np.sin(turns)))
-    for first, second in ((1, 2), (2, 0)):  # axes between which the arcs are
-        arc = np.zeros((len(turns), 3))
-        arc[:, first], arc[:, second] = circle.T
-        inside = np.array(surgeon.frame.evaluate(HANDLES, arc.tolist()))
-        places = inside + (box["x"], box["y"])
+    arcs = np.zeros((2, len(turns), 3))
+    for arc, axes in zip(arcs, ((1, 2), (2, 0)), strict=True):  # between which they are
+        arc[:, axes] = circle
+    for number, arc in enumerate(arcs):
+        inside, other = (
+            np.array(surgeon.frame.evaluate(HANDLES, each.tolist()))
+            for each in (arc, arcs[1 - number])
+        )
+        along = inside[1] - inside[0]
+        beside = BESIDE_PX * np.array((-along[1], along[0])) / np.linalg.norm(along)
+        away = np.sign(beside @ (inside[0] - other[0]))  # the other may be as near
+        places = inside + away * beside + (box["x"], box["y"])
         mouse.move(*places[0])
         mouse.down()
         for place in places[1:]:
@@ -94,8 +102,8 @@ def pivot(surgeon: Surgeon, size_m: float) -> None:
 
 def points_so_far(surgeon: Surgeon) -> int:
     """Return how many points have been drawn on the skull."""
-    words = surgeon.frame.get_by_text("points so far").inner_text()
-    found = re.search(r"(\d+) points so far", words)
+    words = surgeon.frame.get_by_text("so far").inner_text()
+    found = re.search(r"(\d+) points?\b", words)
     return int(found.group(1)) if found else 0
 
 

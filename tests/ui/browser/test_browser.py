@@ -146,17 +146,17 @@ def test_ten_steps_by_hand_with_the_mouse_alone_then_saved_and_opened_again(
     surgeon.wait_state("Pointer", "done")
 
     # the skull is swept and the path is shown on it by the mouse in the 3D scene
-    for step, half_mm, spacing_mm, places in (
-        ("Surface", 29.0, 3.5, 5),
-        ("Path", 24.0, 5.0, 6),
+    for step, finish, half_mm, spacing_mm, places in (
+        ("Surface", "Finish strokes", 29.0, 3.5, 5),
+        ("Path", "Finish stroke", 24.0, 5.0, 6),
     ):
         surgeon.open_step(step)
         surgeon.button("Draw on the skull").click()
-        frame.get_by_text("points so far").wait_for()
+        frame.get_by_text("so far").wait_for()
         assert hand.draw_meander(surgeon, center, half_mm, spacing_mm, places) >= 50
         assert {"/drawing/line", "/drawing/points"} <= set(surgeon.nodes())
         surgeon.picture(step.lower())
-        surgeon.button("Finish stroke").click()
+        surgeon.button(finish).click()
         surgeon.wait_state(step, "done")
         wait_for(lambda: "/drawing/line" not in surgeon.nodes(), "the line to be recorded")
     wait_for(lambda: "/path/raw" in surgeon.nodes(), "the path in the scene")

@@ -1,5 +1,6 @@
 """What the hand does in the scene is seen while it does it: strokes that grow, modes that show."""
 
+import re
 from typing import Any
 
 import pytest
@@ -29,6 +30,12 @@ def middle(surgeon: Surgeon) -> tuple[float, float]:
     box = surgeon.frame.locator("canvas[data-engine]").bounding_box()
     assert box is not None
     return box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+
+
+def ring_px(surgeon: Surgeon) -> float:
+    """Return how wide the ring at the cursor is; 0 where it is a cross."""
+    found = re.search(r"%20r%3D%22([\d.]+)", surgeon.frame.evaluate(CURSOR))
+    return 2.0 * float(found.group(1)) if found else 0.0
 
 
 def mode(surgeon: Surgeon) -> Any:
@@ -66,14 +73,36 @@ def test_a_drawn_line_stays_until_the_pointer_has_followed_it(at_surface: Surgeo
     surgeon.page.mouse.click(x + 80, y + 20)
     wait_for(lambda: "/drawing/line" in surgeon.nodes(), "the line")
     surgeon.page.mouse.click(x + 80, y + 90)
-    surgeon.frame.get_by_text("3 points so far").wait_for()
+    surgeon.frame.get_by_text("3 points in 1 stroke so far").wait_for()
     surgeon.button("Undo last point").click()
-    surgeon.frame.get_by_text("2 points so far").wait_for()
+    surgeon.frame.get_by_text("2 points in 1 stroke so far").wait_for()
     surgeon.button("Finish stroke").click()
     wait_for(lambda: "/surface/stroke" in surgeon.nodes(), "the pointer on its way")
     assert "/drawing/line" in surgeon.nodes()
     surgeon.wait_idle()
     wait_for(lambda: "/drawing/line" not in surgeon.nodes(), "it to be recorded")
+    assert surgeon.errors == []
+
+
+def test_the_pointer_is_lifted_between_drags_and_each_stroke_is_recorded(
+    at_surface: Surgeon,
+) -> None:
+    surgeon, mouse = at_surface, at_surface.page.mouse
+    before = len(surgeon.ask("/sessions/current")["captures"])
+    x, y = middle(surgeon)
+    surgeon.button("Draw on the skull").click()
+    mode(surgeon).wait_for()
+    for number, height in enumerate((-60, 0, 60), start=1):
+        mouse.move(x - 80, y + height)
+        mouse.down()
+        for step in range(1, 9):
+            mouse.move(x - 80 + 20 * step, y + height)
+        mouse.up()
+        words = f"in {number} stroke{'' if number == 1 else 's'} so far"
+        surgeon.frame.get_by_text(words).wait_for()
+    hand.carry_out(surgeon, "Finish strokes")
+    after = surgeon.ask("/sessions/current")["captures"]
+    assert len(after) == before + 3
     assert surgeon.errors == []
 
 
@@ -110,3 +139,24 @@ def test_no_outline_hides_the_bone_while_somebody_points_at_it(surgeon: Surgeon)
 
     wait_for(unseen, "the outline to be unseen")
     surgeon.page.keyboard.press("Escape")
+
+
+def test_the_cursor_is_as_wide_as_the_face_of_the_probe_or_as_the_brush(surgeon: Surgeon) -> None:
+    surgeon.open_demo()
+    surgeon.open_step("Set-up")
+    center = list(hand.region_center(surgeon))
+    surgeon.open_step("Path")
+    hand.unfold(surgeon, "Paint regions")
+    hand.camera_rests(surgeon)
+    for words, width_mm in (("Draw on the skull", 6.35), ("Paint region to avoid", 10.0)):
+        surgeon.button(words).click()
+        mode(surgeon).wait_for()
+        surgeon.page.mouse.move(*middle(surgeon))
+        px = width_mm * surgeon.frame.evaluate(hand.SCALE, center)
+        wait_for(lambda px=px: abs(ring_px(surgeon) - px) <= 1.0, f"a ring of {px:.0f} pixels")
+        surgeon.picture(f"footprint_{width_mm:g}")
+    far = ring_px(surgeon)
+    surgeon.page.mouse.wheel(0, 400)
+    wait_for(lambda: ring_px(surgeon) < far - 2.0, "the ring to shrink as the camera goes away")
+    surgeon.page.keyboard.press("Escape")
+    assert surgeon.errors == []

@@ -31,8 +31,8 @@ from rona_ui.panels.roll.joints_graph import MOST_PLACES, joint_data, thinned
 from rona_ui.panels.scan.scan import ScanPanel
 from rona_ui.panels.setup.setup import SetupPanel
 from rona_ui.panels.tool.tool import ToolPanel
+from rona_ui.panels.widgets.drawing_controls import DrawingControls
 from rona_ui.panels.widgets.panel_context import PanelContext
-from rona_ui.panels.widgets.stroke_sources import DrawingControls
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import NEEDED, ViewState
 from rona_ui.refusals import Refusal
@@ -308,7 +308,7 @@ def test_a_profile_brings_its_own_latency_until_one_is_typed() -> None:
 
 def test_only_a_line_of_two_points_can_be_finished() -> None:
     gui, recorder = FakeGui(), Recorder()
-    controls = DrawingControls(gui, recorder.context, "path", lambda picks: ("line", picks))
+    controls = DrawingControls(gui, recorder.context, "path", lambda picks, _lifts: ("line", picks))
     states = tuple(replace(s, state="ready") for s in step_states(Session()))
     base = replace(snapshot(), steps=states)
     controls.render(base)
@@ -328,7 +328,9 @@ def test_only_a_line_of_two_points_can_be_finished() -> None:
 
 def test_what_was_drawn_stays_until_it_is_recorded_and_after_it_if_that_failed() -> None:
     gui, recorder = FakeGui(), Recorder()
-    controls = DrawingControls(gui, recorder.context, "surface", lambda picks: ("line", picks))
+    controls = DrawingControls(
+        gui, recorder.context, "surface", lambda picks, _lifts: ("line", picks)
+    )
     states = tuple(replace(s, state="ready") for s in step_states(Session()))
     base = replace(snapshot(), steps=states)
     line = ((1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
@@ -353,7 +355,7 @@ def test_what_was_drawn_stays_until_it_is_recorded_and_after_it_if_that_failed()
 
 def test_the_last_point_of_what_is_drawn_can_be_taken_back() -> None:
     gui, recorder = FakeGui(), Recorder()
-    controls = DrawingControls(gui, recorder.context, "path", lambda picks: ("line", picks))
+    controls = DrawingControls(gui, recorder.context, "path", lambda picks, _lifts: ("line", picks))
     states = tuple(replace(s, state="ready") for s in step_states(Session()))
     recorder.shown = ViewState(step="path", drawing="path", picks=((1.0, 2.0, 3.0),))
     controls.render(replace(snapshot(), steps=states, view=recorder.shown))
@@ -367,7 +369,7 @@ def test_the_last_point_of_what_is_drawn_can_be_taken_back() -> None:
 
 def test_a_line_that_was_left_can_be_gone_on_with_or_dropped() -> None:
     gui, recorder = FakeGui(), Recorder()
-    controls = DrawingControls(gui, recorder.context, "path", lambda picks: ("line", picks))
+    controls = DrawingControls(gui, recorder.context, "path", lambda picks, _lifts: ("line", picks))
     states = tuple(replace(s, state="ready") for s in step_states(Session()))
     base = replace(snapshot(), steps=states)
     line = ((1.0, 2.0, 3.0), (4.0, 5.0, 6.0))

@@ -11,6 +11,7 @@ from rona_core.app.dependencies.step_states import step_states
 from rona_core.devices.live import LiveState
 from rona_core.devices.samples import ToolSample, TrackerFrame
 from rona_core.devices.settings import DeviceSettings
+from rona_core.devices.tracker_volumes import VOLUMES
 from rona_core.geometry.pose import Pose
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import Session
@@ -27,6 +28,7 @@ from rona_ui.scene.setup.labels import LabelsLayer
 from rona_ui.scene.setup.lines_of_sight import HIDDEN, SEEN, SightLayer
 from rona_ui.scene.setup.room import NAMES, RoomLayer
 from rona_ui.scene.setup.skull import FACE, NODE, SUTURES, HeadLayer, SkullLayer
+from rona_ui.scene.setup.tracker import outline
 
 
 class Nodes:
@@ -176,6 +178,19 @@ def test_each_layer_can_be_switched(layer):
 def test_room_and_head_are_there_in_all_steps_and_labels_on_demand():
     assert all({"room", "head", "labels"} <= needed for needed in NEEDED.values())
     assert not ViewState().shows("labels")
+
+
+@pytest.mark.parametrize("profile", ["polaris", "vega"])
+def test_the_volume_of_the_tracker_is_named_on_its_border(profile):
+    scene, devices = static_scene(), DeviceSettings()
+    tracker = replace(devices.tracker, profile=profile)
+    at = snapshot(hidden=frozenset())
+    setup = replace(at.session.setup, devices=replace(devices, tracker=tracker))
+    at = replace(at, session=replace(at.session, setup=setup))
+    texts = drawn(LabelsLayer, at).texts
+    place = dict(texts.values())["Tracker volume"]
+    border = outline(VOLUMES[profile], scene.T_base_tracker).reshape(-1, 3)
+    assert np.linalg.norm(border - place, axis=1).min() < 1e-6
 
 
 def test_without_its_face_the_skull_is_the_whole_surface():

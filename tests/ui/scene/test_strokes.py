@@ -11,7 +11,7 @@ from rona_ui.presentation.colors import SKY, STEEL
 from rona_ui.presentation.static_scene import StaticScene
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.resources import demo_session
-from rona_ui.scene.pointer import LINE, DrawingLayer, over_skull
+from rona_ui.scene.pointer import LINE, PICKS, DrawingLayer, over_skull
 from rona_ui.scene.surface import CLOUD, STROKE, CloudLayer, StrokeLayer
 from tests.ui.panels.test_panels import snapshot
 from tests.ui.scene.test_volume import Nodes
@@ -85,3 +85,15 @@ def test_the_drawn_line_goes_through_the_points_over_the_bone(dome):
     DrawingLayer(nodes).render(None, at)
     middle = nodes.drawn[LINE][0].reshape(-1, 3)
     assert middle[:, 2].max() > RADIUS_MM
+
+
+def test_no_line_is_drawn_where_the_pointer_is_lifted(dome):
+    nodes = Nodes()
+    picks = ((-20.0, 0.0, 77.46), (-10.0, 0.0, 79.37), (10.0, 0.0, 79.37), (20.0, 0.0, 77.46))
+    view = ViewState(step="surface", drawing="surface", picks=picks)
+    layer, joined = DrawingLayer(nodes), snapshot(view=view, static_scene=dome)
+    layer.render(None, joined)
+    assert np.abs(nodes.drawn[LINE][0][..., 0]).min() < 5.0
+    layer.render(joined, replace(joined, view=replace(view, lifts=(2,))))
+    assert np.abs(nodes.drawn[LINE][0][..., 0]).min() >= 9.9
+    assert len(nodes.drawn[PICKS][0]) == 4

@@ -11,7 +11,7 @@ from rona_core.app.dependencies.inputs import capture_input, result_input
 from rona_core.app.dependencies.staleness import capture_setup_digest
 from rona_core.app.messages.message import StoreCapture
 from rona_core.app.runtime.handling import compute_result, compute_several, record
-from rona_core.app.runtime.recording import begin, capture_hand
+from rona_core.app.runtime.recording import begin, capture_hand, part_of
 from rona_core.app.steps.acoustics.derivation import KNOWN_LINE, KNOWN_SPEED
 from rona_core.app.steps.handheld import messages
 from rona_core.app.steps.handheld.derivation import (
@@ -55,23 +55,16 @@ def record_calibration(
         operator.hold(SONO)
         return operator.spin(half_turn_deg=activity.half_turn_deg, duration_s=activity.spin_s)
 
-    first = capture_hand("sono_pivot", session, _part(context, 0.0), pivot, tool=SONO)
+    part = part_of(context, 0.0, PIVOT_SHARE)
+    first = capture_hand("sono_pivot", session, part, pivot, tool=SONO)
     if first.partial:
         return (StoreCapture("sono_pivot", first),)
     session = replace(session, archive=(*session.archive, first))  # the next ordinal
-    second = capture_hand("sono_spin", session, _part(context, PIVOT_SHARE), spin, tool=SONO)
+    part = part_of(context, PIVOT_SHARE, 1.0 - PIVOT_SHARE)
+    second = capture_hand("sono_spin", session, part, spin, tool=SONO)
     first = replace(first, partial=second.partial)  # the two count together
     stored = (StoreCapture("sono_pivot", first), StoreCapture("sono_spin", second))
     return stored if second.partial else (*stored, messages.CalibrateHandheldProbe())
-
-
-def _part(context: ActivityContext, start: float) -> ActivityContext:
-    """Return the context with the progress of one half of the calibration."""
-
-    def progress(share: float) -> None:
-        context.progress(start + PIVOT_SHARE * share)
-
-    return replace(context, progress=progress)
 
 
 def capture_sono_scan(

@@ -1,5 +1,7 @@
 """Messages of the surface."""
 
+from itertools import pairwise
+
 from rona_core.app.messages.message import Point, message, within
 from rona_core.devices.settings import require
 
@@ -23,15 +25,30 @@ class StartSurfaceCapture:
     """Slide the pointer over the skull; then build the cloud.
 
     Without picks the operator sweeps the region; with picks (places on the drawn skull, in base)
-    the pointer follows them. ``append`` adds a stroke to those recorded before.
+    the pointer follows them. ``append`` adds to the strokes recorded before. ``lifts`` names the
+    picks, by number from 0, before which the pointer is lifted: each stroke between two lifts is a
+    recording of its own and takes its share of ``duration_s``, by its picks.
     """
 
     duration_s: float = within(1.0, 600.0, default=60.0)
     picks_base_mm: tuple[Point, ...] = ()
     append: bool = False
+    lifts: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        require(len(self.picks_base_mm) <= MAX_PICKS, f"at most {MAX_PICKS} picks, please")
+        count = len(self.picks_base_mm)
+        require(count <= MAX_PICKS, f"at most {MAX_PICKS} picks, please")
+        require(count > 0 or not self.lifts, "without picks there is nothing to lift between")
+        bounds = (0, *self.lifts, max(count, 1))
+        require(
+            all(a < b for a, b in pairwise(bounds)),
+            f"lifts must increase from 1 to {count - 1}, the last pick, not {list(self.lifts)}",
+        )
+
+
+def strokes_of(picks: tuple[Point, ...], lifts: tuple[int, ...]) -> tuple[tuple[Point, ...], ...]:
+    """Return picks as strokes, a new one from each of ``lifts`` (numbers of picks) on."""
+    return tuple(picks[a:b] for a, b in pairwise((0, *lifts, len(picks))))
 
 
 @message

@@ -1,11 +1,15 @@
 """Surface: point cloud of the skull, and where a loaded skull lies under it."""
 
+from dataclasses import replace
+from functools import partial
+
 from rona_core.app.declarations import declarations as declare
-from rona_core.app.declarations.declarations import ActivityContext, Input
+from rona_core.app.declarations.declarations import ActivityContext, Input, Message
 from rona_core.app.dependencies.base_reference import carried_remark, found_again, placed_reason
 from rona_core.app.dependencies.inputs import capture_input, result_input
-from rona_core.app.runtime.handling import compute_one, compute_result, record
-from rona_core.app.runtime.recording import capture_stroke
+from rona_core.app.messages.message import StoreCapture
+from rona_core.app.runtime.handling import compute_one, compute_result
+from rona_core.app.runtime.recording import capture_stroke, part_of
 from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.setup.inputs import CHOOSE_REFERENCE, REGION, SKULL
 from rona_core.app.steps.surface import messages
@@ -15,23 +19,39 @@ from rona_core.session.captures import PointerCapture
 from rona_core.session.document import Session
 
 SURFACE_CAPTURE, SURFACE = capture_input("surface"), result_input("surface")
+SHORTEST_S = 1.0  # of a stroke
 TOOL, POINTER = result_input("tool"), result_input("pointer")
 # False where the tracker has moved and may not be found again; it counts for nothing else
 REFERENCE = Input(lambda s: found_again(s, s.captures.surface), CHOOSE_REFERENCE)
 
 
-def capture_surface(
+def record_strokes(
     activity: messages.StartSurfaceCapture, session: Session, context: ActivityContext
-) -> PointerCapture:
-    """Record the pointer marker while the pointer slides over the skull."""
-    return capture_stroke(
-        "surface",
-        session,
-        context,
-        activity.picks_base_mm,
-        activity.duration_s,
-        lambda: context.rig.operator.sweep(duration_s=activity.duration_s),
-    )
+) -> tuple[Message, ...]:
+    """Record the pointer marker while the pointer slides over the skull, stroke by stroke.
+
+    What was cut short is stored all the same; nothing follows it.
+    """
+    picks = activity.picks_base_mm
+    stored: list[Message] = []
+    start = 0.0
+    for stroke in messages.strokes_of(picks, activity.lifts):
+        share = len(stroke) / len(picks) if picks else 1.0
+        duration_s = max(SHORTEST_S, share * activity.duration_s)
+        taken = capture_stroke(
+            "surface",
+            session,
+            part_of(context, start, share),
+            stroke,
+            duration_s,
+            partial(context.rig.operator.sweep, duration_s=duration_s),
+        )
+        stored.append(StoreCapture("surface", taken, activity.append or bool(stored)))
+        if taken.partial:
+            return tuple(stored)
+        session = replace(session, archive=(*session.archive, taken))  # the next ordinal
+        start += share
+    return (*stored, messages.BuildSurface())
 
 
 def clear_surface(message: messages.ClearSurface, session: Session) -> Session:
@@ -67,7 +87,7 @@ STEP = declare.Step(
     activities=(
         declare.Activity(
             messages.StartSurfaceCapture,
-            record("surface", capture_surface, messages.BuildSurface),
+            record_strokes,
             "Sliding over the skull",
             needs=(TOOL, POINTER),
             blocked=placed_reason,

@@ -1,15 +1,12 @@
-"""Pointer strokes by mouse and from files: drawn on the skull, or imported (steps 3 to 5)."""
+"""Recordings of the pointer from files (steps 3 to 5)."""
 
-from collections.abc import Callable
-from dataclasses import replace
 from pathlib import PurePath
 from typing import Any, Literal
 
 from rona_core.app.steps.recordings.messages import StartPivotImport, StartRecordingImport
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.panel_context import PanelContext, on_click
+from rona_ui.panels.widgets.panel_context import PanelContext
 from rona_ui.presentation.snapshot import Snapshot
-from rona_ui.presentation.view_state import Drawing, ViewState
 
 Purpose = Literal["pivot", "surface", "path"]
 SEQUENCES = ".mha"
@@ -80,68 +77,3 @@ class ImportControls:
         step = "pointer" if self._purpose == "pivot" else self._purpose
         self._upload.disabled = new.busy or new.step(step).state == "blocked"
         self._folder.visible = new.view.drawing is None
-
-
-class DrawingControls:
-    """Buttons to draw, finish or discard a stroke."""
-
-    def __init__(
-        self,
-        gui: Any,
-        context: PanelContext,
-        kind: Drawing,
-        message: Callable[[tuple[Any, ...]], Any],
-    ) -> None:
-        self._kind, self._context, self._message = kind, context, message
-        self._picks: tuple[Any, ...] = ()
-        self._last: str | None = None  # id of the newest job
-        self._sent: tuple[str | None, tuple[Any, ...]] | None = None  # the job before, and picks
-        self._begin = context.view_button(gui, "Draw on the skull", "pencil", drawing=kind)
-        self._help = gui.add_html("")
-        self._finish = gui.add_button("Finish stroke", icon="check", visible=False)
-        on_click(self._finish, self._send)
-        self._shorter = gui.add_button(
-            "Undo last point", icon="arrow-back-up", color="gray", visible=False
-        )
-        on_click(self._shorter, lambda e: context.change_view(without_last_pick))
-        self._drop = context.view_button(gui, "Discard stroke", "x", drawing=None, picks=())
-
-    def _send(self, event: Any) -> None:
-        picks = self._picks
-        self._sent = self._last, picks
-        self._context.send(lambda: self._message(picks), event)
-        self._context.set_view(drawing=None)
-
-    def _recorded(self, new: Snapshot) -> bool:
-        """Return whether the pointer has followed what was sent; until then it is kept."""
-        job, sent = new.job, self._sent
-        if sent is None or job is None or not job.finished or job.id == sent[0]:
-            return False
-        self._sent = None
-        return job.state == "done" and new.view.picks == sent[1]
-
-    def render(self, new: Snapshot) -> None:
-        """Show what can be done now."""
-        drawing = new.view.drawing == self._kind
-        if self._recorded(new):
-            self._context.set_view(picks=())
-        self._last = None if new.job is None else new.job.id
-        self._picks = new.view.picks
-        blocked = new.busy or new.step(self._kind).state == "blocked"
-        self._begin.visible = not drawing
-        self._begin.label = "Continue drawing" if self._picks else "Draw on the skull"
-        self._begin.disabled = blocked
-        self._finish.visible = drawing
-        self._shorter.visible = drawing and len(self._picks) > 0
-        self._drop.visible = (drawing or len(self._picks) > 0) and not new.busy
-        self._finish.disabled = blocked or len(self._picks) < 2
-        words = (
-            "Click points on the skull, or drag over it. Dragging beside the skull "
-            f"rotates the view. {len(self._picks)} points so far."
-        )
-        self._help.content = style.note(words) if drawing else ""
-
-
-def without_last_pick(view: ViewState) -> ViewState:
-    """Return the view with one point less in what is drawn."""
-    return replace(view, picks=view.picks[:-1])

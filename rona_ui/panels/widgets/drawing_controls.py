@@ -1,0 +1,95 @@
+"""Drawing on the skull by mouse: buttons to draw, lift, finish or discard strokes (steps 4, 5)."""
+
+from collections.abc import Callable
+from typing import Any
+
+from rona_ui.panels.widgets import style
+from rona_ui.panels.widgets.panel_context import PanelContext, on_click
+from rona_ui.presentation.drawn_strokes import (
+    LIFTED,
+    lifted,
+    may_lift,
+    n_strokes,
+    starts,
+    without_last_pick,
+)
+from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.view_state import Drawing, Point, ViewState
+
+Picks = tuple[Point, ...]
+Lifts = tuple[int, ...]
+
+
+class DrawingControls:
+    """Buttons to draw, lift the pointer, finish or discard."""
+
+    def __init__(
+        self,
+        gui: Any,
+        context: PanelContext,
+        kind: Drawing,
+        message: Callable[[Picks, Lifts], Any],
+    ) -> None:
+        self._kind, self._context, self._message = kind, context, message
+        self._view = ViewState()
+        self._last: str | None = None  # id of the newest job
+        self._sent: tuple[str | None, Picks] | None = None  # the job before, and picks
+        self._begin = context.view_button(gui, "Draw on the skull", "pencil", drawing=kind)
+        self._help = gui.add_html("")
+        self._finish = gui.add_button("Finish stroke", icon="check", visible=False)
+        on_click(self._finish, self._send)
+        self._lift = gui.add_button("Lift pointer", icon="arrow-up", color="gray", visible=False)
+        on_click(self._lift, lambda e: context.change_view(lifted))
+        self._shorter = gui.add_button(
+            "Undo last point", icon="arrow-back-up", color="gray", visible=False
+        )
+        on_click(self._shorter, lambda e: context.change_view(without_last_pick))
+        self._drop = context.view_button(gui, "Discard stroke", "x", drawing=None, picks=())
+
+    def _send(self, event: Any) -> None:
+        picks, lifts = self._view.picks, starts(self._view)[1:]
+        self._sent = self._last, picks
+        self._context.send(lambda: self._message(picks, lifts), event)
+        self._context.set_view(drawing=None)
+
+    def _recorded(self, new: Snapshot) -> bool:
+        """Return whether the pointer has followed what was sent; until then it is kept."""
+        job, sent = new.job, self._sent
+        if sent is None or job is None or not job.finished or job.id == sent[0]:
+            return False
+        self._sent = None
+        return job.state == "done" and new.view.picks == sent[1]
+
+    def render(self, new: Snapshot) -> None:
+        """Show what can be done now."""
+        drawing = new.view.drawing == self._kind
+        if self._recorded(new):
+            self._context.set_view(picks=())
+        self._last = None if new.job is None else new.job.id
+        view = self._view = new.view
+        blocked = new.busy or new.step(self._kind).state == "blocked"
+        self._begin.visible = not drawing
+        self._begin.label = "Continue drawing" if view.picks else "Draw on the skull"
+        self._begin.disabled = blocked
+        self._finish.visible = drawing
+        self._finish.label = "Finish strokes" if n_strokes(view) > 1 else "Finish stroke"
+        self._lift.visible = may_lift(view)
+        self._shorter.visible = drawing and len(view.picks) > 0
+        self._drop.visible = (drawing or len(view.picks) > 0) and not new.busy
+        self._finish.disabled = blocked or len(view.picks) < 2
+        self._help.content = style.note(_told(view)) if drawing else ""
+
+
+def _told(view: ViewState) -> str:
+    """Return what a click and a drag do, and what there is so far."""
+    points = f"{len(view.picks)} point{'' if len(view.picks) == 1 else 's'}"
+    if view.drawing != LIFTED:
+        return (
+            "Click points on the skull, or drag over it. Dragging beside the skull "
+            f"rotates the view. {points} so far."
+        )
+    return (
+        "Drag over the skull: each drag is a stroke. Clicks go on with the last one until the "
+        f"pointer is lifted. Dragging beside the skull rotates the view. {points} in "
+        f"{n_strokes(view)} stroke{'' if n_strokes(view) == 1 else 's'} so far."
+    )
