@@ -60,7 +60,8 @@ class OuterMaps:
     """The outer boundary of a first pass, by ultrasound alone and together with the cloud."""
 
     points_base: Floats  # (n, 3) one for each A-scan, corrected for curvature
-    correction_mm: Floats  # (n, 3) what was subtracted from the point of each A-scan
+    late_mm: float  # by so much curvature makes front echoes late
+    correction_mm: Floats  # (n, 3) what was subtracted for it from the point of each A-scan
     used: Bools  # (n,) went into the map
     grid: MapGrid
     plate: PlateField
@@ -140,7 +141,9 @@ def build_outer_maps(
     It does not depend on the speed of sound, nor on a second pass. ``prior`` says how far off the
     cloud as a whole may be.
     """
-    points_base, correction_mm, T_base_map = _corrected_for_curvature(found, probe)
+    T_base_map, late_mm = _curvature(found, probe)
+    correction_mm = late_mm * found.Ts_base_probe.rotations[:, :, 2]
+    points_base = found.points()[0] - correction_mm
     points_map = T_base_map.inv() @ points_base
     used = _agreeing_among(found.detection.outer_ok, points_map)
     used_map = points_map[used]
@@ -154,7 +157,7 @@ def build_outer_maps(
         cloud_map = T_base_map.inv() @ as_points(cloud_points_base)
         fused, fit = _fused(cloud_map, plate, grid, prior or CloudPrior())
     _pause(progress, 0.7, cancel)
-    return OuterMaps(points_base, correction_mm, used, grid, plate, outer, fused, fit)
+    return OuterMaps(points_base, late_mm, correction_mm, used, grid, plate, outer, fused, fit)
 
 
 def add_inner_map(
@@ -171,9 +174,10 @@ def add_inner_map(
     inner_base = found.points()[1] - outer.correction_mm
     usable = np.asarray(detection.outer_ok & detection.inner_ok & (detection.flag == 0))
     if second is not None:
+        late = outer.late_mm * second.Ts_base_probe.rotations[:, :, 2]
         second_outer, second_inner = second.points()
-        outer_base = np.vstack((outer_base, second_outer))
-        inner_base = np.vstack((inner_base, second_inner))
+        outer_base = np.vstack((outer_base, second_outer - late))
+        inner_base = np.vstack((inner_base, second_inner - late))
         usable = np.concatenate((usable, second.detection.flag == 0))
     inner, inner_used = _inner(usable, outer.grid.T_base_map.inv() @ inner_base, outer)
     return Maps(
@@ -188,10 +192,8 @@ def add_inner_map(
     )
 
 
-def _corrected_for_curvature(
-    found: LocatedDetection, probe: ProbeModel | None
-) -> tuple[Floats, Floats, Pose]:
-    """Return the outer points (n, 3), what was subtracted (n, 3), and the frame of the maps."""
+def _curvature(found: LocatedDetection, probe: ProbeModel | None) -> tuple[Pose, float]:
+    """Return the frame of the maps, and by how much curvature makes front echoes late (mm)."""
     axes_base = found.Ts_base_probe.rotations[:, :, 2]
     outer_base = found.points()[0]
     usable = found.detection.outer_ok
@@ -203,8 +205,7 @@ def _corrected_for_curvature(
     T_base_map = map_frame(outer_base[usable], axes_base[usable])
     outer_map = T_base_map.inv() @ outer_base
     curvature = mean_curvature_per_mm(outer_map[_agreeing_among(usable, outer_map)])
-    late = lateness_mm(probe or probe_model(found.detection.probe), curvature) * axes_base
-    return outer_base - late, late, T_base_map
+    return T_base_map, lateness_mm(probe or probe_model(found.detection.probe), curvature)
 
 
 def boundary_points(detection: Detection, Ts_base_probe: Poses) -> tuple[Floats, Floats]:

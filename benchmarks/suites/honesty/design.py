@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from rona_core.app.procedure import run_procedure
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.setup.messages import (
     SetPointer,
@@ -12,6 +13,7 @@ from rona_core.app.steps.setup.messages import (
 )
 from rona_core.compose import new_workbench
 from rona_core.devices.settings import PointerKind, TrackerProfile
+from rona_core.errors import RonaError
 from rona_core.session.document import Session
 
 TRACKERS: tuple[TrackerProfile, ...] = ("polaris", "spectra", "vega", "white035")
@@ -53,3 +55,20 @@ def bench_of(seed: int) -> Workbench:
     ):
         bench.dispatch(message)
     return bench
+
+
+def session_of(seed: int) -> Session:
+    """Return the session of a seed after the whole procedure.
+
+    Raises:
+        RonaError: the procedure did not come to its end.
+    """
+    bench = bench_of(seed)
+    try:
+        ending = run_procedure(bench)
+        session = bench.session
+    finally:
+        bench.close()
+    if not ending.completed:
+        raise RonaError(f"step {ending.failed_step}: {ending.reason}")
+    return session

@@ -5,11 +5,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from benchmarks.reference.map_coverage import bands
-from benchmarks.suites.honesty.design import bench_of
+from benchmarks.suites.honesty.design import session_of
 from benchmarks.suites.honesty.judged import Judged
-from rona_core.app.procedure import run_procedure
 from rona_core.compose import build_virtual_rig
-from rona_core.errors import RonaError
 from rona_core.evaluation.scan_metrics import WRONG_MM, true_probe_poses
 from rona_core.evaluation.truth import truth_of
 from rona_core.session.document import Session
@@ -25,14 +23,7 @@ def judge(seed: int) -> list[Judged]:
     Raises:
         RonaError: the procedure did not come to its end.
     """
-    bench = bench_of(seed)
-    try:
-        ending = run_procedure(bench)
-        session = bench.session
-    finally:
-        bench.close()
-    if not ending.completed:
-        raise RonaError(f"step {ending.failed_step}: {ending.reason}")
+    session = session_of(seed)
     return [*maps(session, seed), *ascans(session, seed)]
 
 

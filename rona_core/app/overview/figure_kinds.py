@@ -46,7 +46,9 @@ FIGURES: dict[str, FigureKind] = {
     ),
     "path_points_raw": FigureKind("Path points, demonstrated", "path", paper=307),
     "path_points_smoothed": FigureKind("Path points, smoothed", "smoothing", paper=90),
-    "path_deviation_max_mm": FigureKind("Max. path deviation", "smoothing", "mm", 2, 1.0, paper=1.0),
+    "path_deviation_max_mm": FigureKind(
+        "Max. path deviation", "smoothing", "mm", 2, 1.0, paper=1.0
+    ),
     "path_deviation_raw_max_mm": FigureKind(
         "Path deviation from raw samples", "smoothing", "mm", 2
     ),

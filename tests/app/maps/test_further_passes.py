@@ -37,6 +37,7 @@ from rona_core.devices.protocols import never, silent
 from rona_core.devices.samples import AScanTrack
 from rona_core.errors import InvalidInputError, StepBlockedError
 from rona_core.geometry.pose import Poses
+from rona_core.mapping.second_pass import standoffs_mm
 from rona_core.session.codec import digest
 from rona_core.session.files import load_session, session_bytes, session_from_bytes
 from tests.app.maps.further import half_of, mapped_again
@@ -99,6 +100,15 @@ def test_each_pass_has_its_own_poses_and_its_own_place_in_detection_and_maps(sma
 def test_the_head_is_followed_in_each_pass(two):
     watched = [shift.capture for shift in head_report(two).shifts]
     assert watched.count("second") == 2
+
+
+def test_further_passes_count_from_where_the_first_one_heard_the_bone(mapped):
+    """Curved bone is heard too late: what is corrected in the map is not in the echoes."""
+    poses = joined_poses(mapped, mapped.captures.second)
+    known = mapped.results.second_detection.value.standoff_mm
+    late = known - standoffs_mm(mapped.results.maps.value.outer, poses)
+    assert np.ptp(late) < 1e-9
+    assert 0.005 < late[0] < 0.05
 
 
 def test_a_boundary_of_a_later_pass_is_corrected_by_its_number_in_all_of_them(small, mapped):

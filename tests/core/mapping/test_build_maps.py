@@ -96,6 +96,19 @@ def test_both_boundaries_are_mapped_in_spite_of_flags_and_wrong_echoes(seed):
     assert maps.cloud_fit is None
 
 
+def test_front_echoes_of_a_second_pass_are_as_late_as_those_of_the_first():
+    rng, skull = np.random.default_rng(3), WavySkull(33)
+    late = lateness_mm(PROBE, 1 / 80)
+    silent = survey(skull, rng, flagged=1.0, late_mm=late)
+    again = LocatedDetection(*survey(skull, rng, flagged=0.0, wrong=0.0, late_mm=late))
+    maps = build_maps(LocatedDetection(*silent), second=again)
+    n = len(silent[0])
+    assert not maps.inner_used[:n].any()
+    assert maps.inner_used[n:].mean() > 0.95
+    outer = errors_mm(maps.outer, skull.outer_z).mean()
+    assert abs(errors_mm(maps.inner, inner_z(skull)).mean() - outer) < 0.4 * late
+
+
 def test_a_cell_is_mapped_just_where_an_unflagged_sample_is_near():
     rng, skull = np.random.default_rng(5), WavySkull(35)
     detection, poses = survey(skull, rng, gap=lambda xy: np.hypot(*xy.T) < 6.0)

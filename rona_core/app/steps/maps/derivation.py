@@ -234,20 +234,20 @@ def plan_further_pass(
 def derive_second_detection(
     session: Session, message: StartMapping, *, progress: Progress, cancel: Cancel
 ) -> Detection:
-    """Find the inner boundary in the further passes; the outer one is where the first one saw it.
+    """Find the inner boundary in the further passes; the outer one is where the first one heard it.
 
     The bone is as lossy as the first pass found it. Bone in which that heard no inner boundary at
     all is not heard by a probe that leans: the few echoes of a further pass are steps within it.
     """
     passes = require_result(usable_second(session), "scan the gaps again")
-    outer = _outer_maps(session, message).outer
+    maps = _outer_maps(session, message)
     poses = joined_poses(session, passes)
     first = require_result(session.results.detection, "detect the boundaries").value
     survey = Survey(
         joined_scans(passes),
         poses,
         robot_probe(session),
-        standoffs_mm(outer, poses),
+        standoffs_mm(maps.outer, poses) + maps.late_mm,
         first.bone_loss,
     )
     found = detect_survey(session, survey, message, progress=progress, cancel=cancel)
