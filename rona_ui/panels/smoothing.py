@@ -7,6 +7,7 @@ from rona_core.app.steps.path.path_checks import PathCheck, Stretch, check_path
 from rona_core.app.steps.smoothing.messages import SmoothScanPath
 from rona_core.app.steps.smoothing.path_view import PathView
 from rona_ui.panels.path.path_graph import deviation_bar
+from rona_ui.panels.path.path_points import PathPoints
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import on_change, on_click
 from rona_ui.panels.widgets.step_panel import StepPanel
@@ -28,7 +29,10 @@ NORMALS = {
 }
 CHOSEN_RADIUS = "0: chosen from the point cloud"
 HELP = {
-    "move": "Drag a blue point over the skull, or click it and then its new position.",
+    "move": (
+        "Drag a blue point over the skull, or click it and then its new position. The arrow keys "
+        "move the selected one by 0.5 mm, with Shift by 0.1 mm."
+    ),
     "insert": "Click the skull to insert a point into the nearest segment.",
     "delete": "Click a blue point to delete it.",
     "pin": (
@@ -61,7 +65,13 @@ class SmoothingPanel(StepPanel):
         on_change(tolerance, self._drag)
         with gui.add_folder("Advanced", expand_by_default=False):
             form.choice("method", "Method", METHODS, "optimal")
-            form.choice("metric", "Error metric", METRICS, "k1", "With the metric Area the tolerance is in mm²")
+            form.choice(
+                "metric",
+                "Error metric",
+                METRICS,
+                "k1",
+                "With the metric Area the tolerance is in mm²",
+            )
             form.number("filter_s", "Filter σ (s)", 0.05, 0.0, 1.0, 0.01, "0: no filter")
             form.choice("normal_method", "Normal estimation", NORMALS, "jet")
             form.numbers(*NORMAL_FIELDS)
@@ -70,6 +80,7 @@ class SmoothingPanel(StepPanel):
         self._done = gui.add_button("Done", icon="check", visible=False)
         on_click(self._done, lambda e: self._mode(None))
         self._discard = self.context.send_button(gui, "Discard edits", "trash", ClearPathEdits)
+        self._points = PathPoints(gui, self.context)
         on_click(self._edit, lambda e: self._mode(EDITS[self._edit.value]))
 
     def _mode(self, mode: Drawing | None) -> None:
@@ -106,6 +117,7 @@ class SmoothingPanel(StepPanel):
         self._done.visible = mode in HELP
         self._discard.visible = len(new.session.path_edits) > 0
         self._discard.disabled = new.busy
+        self._points.render(old, new)
 
     def remarks(self, snapshot: Snapshot) -> str:
         """Return counts, deviations, normal uncertainty and warnings."""

@@ -8,6 +8,7 @@ from rona_core.app.steps.surface.messages import MAX_PICKS
 from rona_ui.presentation.view_state import Drawing, Point, ViewState
 
 LIFTED: Drawing = "surface"  # a path is one stroke: the probe stays on the bone
+STROKES = ("surface", "path")  # drawn with the pointer itself
 DRAG_STEP_MM = 1.5  # a drag adds a point once it has come so far
 
 
@@ -61,3 +62,18 @@ def n_strokes(view: ViewState) -> int:
 def starts(view: ViewState) -> tuple[int, ...]:
     """Return the number of the first pick of each stroke."""
     return tuple(n for n in (0, *view.lifts) if n < len(view.picks))
+
+
+def without_mode(view: ViewState) -> ViewState:
+    """Return the view without drawing or editing; a line that was begun can be gone on with."""
+    picks = view.picks if view.drawing in STROKES or view.drawing is None else ()
+    return replace(
+        view,
+        drawing=None,
+        picks=picks,
+        stroke=(),
+        moved_point=None,
+        move_target=None,
+        held_path=None,
+        dragged_boundary=None,
+    )

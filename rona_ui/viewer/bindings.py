@@ -85,6 +85,7 @@ class Bindings:
     def send_debounced(self, key: Hashable, make: Callable[[], Any], event: Event) -> None:
         """Send like ``send``, but only once nothing has come under ``key`` for a moment.
 
+        Where ``make()`` returns None by then, it has been taken back.
         What was typed has been finished by Enter: it does not wait.
         """
         if event.client is not None:
@@ -115,6 +116,8 @@ class Bindings:
     # -------------------------------------------------------------- the queue
 
     def _deliver(self, message: Any) -> None:
+        if message is None:
+            return
         bench = self._hub.get()
         if type(message).__name__ in REGISTRY.activity_types:
             bench.start(message)

@@ -75,6 +75,9 @@ HINTS = {
     "Normal estimation": "Surface that is fitted to the points around a path point",
     "Edit": "Move, insert, delete or pin path points in the scene",
     "Discard edits": "Goes back to the smoothed path as it was computed",
+    "Point no.": "Selects a point of the smoothed path; it is marked in the scene",
+    "Insert point after": "Puts a point half-way to the next one",
+    "Delete this point": "Takes the selected point out of the path",
     # roll
     "Roll angles": "How many roll angles are evaluated over the range below",
     "From (deg)": "First roll angle of the range",

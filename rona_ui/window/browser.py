@@ -14,7 +14,7 @@ from rona_core.app.steps.implant.view import moved_bed
 from rona_core.app.steps.maps.comparison import MapComparison, compare_maps
 from rona_core.app.steps.maps.export import export_maps
 from rona_core.app.steps.setup.messages import SetRegion
-from rona_core.errors import InvalidInputError, NotFoundError
+from rona_core.errors import InvalidInputError, NotFoundError, RonaError
 from rona_core.geometry.arrays import Floats
 from rona_core.mapping.comparison.reference_bone import Registration
 from rona_core.session.document import Session
@@ -28,11 +28,12 @@ from rona_ui.presentation.camera import (
     about_pointer,
     camera_pose,
 )
-from rona_ui.presentation.drawn_strokes import with_pick
+from rona_ui.presentation.drawn_strokes import STROKES, with_pick, without_mode
+from rona_ui.presentation.held_point import Gaze, held_move, nudged
 from rona_ui.presentation.shown import opening_view, shown_preset
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState
-from rona_ui.scene.path.path_editing import STROKES, point_at
+from rona_ui.scene.path.path_editing import point_at
 from rona_ui.scene.pointer import handle_rotation
 from rona_ui.scene.renderer import SceneRenderer
 from rona_ui.scene.viser_nodes import M_PER_MM, metres
@@ -219,8 +220,21 @@ class Browser:
             self._bindings.call(lambda: self._hub.get().finish_pointer(), event)
         elif what == "cancel":
             self._bindings.call(self._cancel, event)
+        elif what.startswith("nudge:"):
+            self._nudge(what.removeprefix("nudge:"), event)
         else:
             self._bindings.call(lambda: self._serve(what, data), event)
+
+    def _nudge(self, way: str, event: Event) -> None:
+        """Move the point of the path that is held; what was moved in a row is one command."""
+        camera, session = self.client.camera, self._hub.get().session
+        gaze = Gaze(np.array(camera.position), np.array(camera.look_at), camera.up_direction)
+        try:
+            self.change_view(lambda v: nudged(v, session, gaze, way))
+        except RonaError as error:
+            self._bindings.refuse(error, event)
+        else:
+            self._bindings.send_debounced("nudge", lambda: held_move(self._view), event)
 
     def _cancel(self) -> None:
         bench = self._hub.get()
@@ -263,17 +277,3 @@ def compared_with_file(
         )
     points = [there for there, _ in pairs], [here for _, here in pairs]
     return compare_maps(session, data, name, how, points, threshold)
-
-
-def without_mode(view: ViewState) -> ViewState:
-    """Return the view without drawing or editing; a line that was begun can be gone on with."""
-    picks = view.picks if view.drawing in STROKES or view.drawing is None else ()
-    return replace(
-        view,
-        drawing=None,
-        picks=picks,
-        stroke=(),
-        moved_point=None,
-        move_target=None,
-        dragged_boundary=None,
-    )

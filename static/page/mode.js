@@ -1,7 +1,9 @@
-// What a click on the skull does now: told over the scene, by the cursor and by the button pressed.
+// What a click on the skull does now: told over the scene, by the cursor and by the button pressed;
+// and the arrow keys, where they move something.
 
 import { $, follow } from "./base.js";
-import { inside, link, listen, viewer } from "./link.js";
+import { typing } from "./commands/keys.js";
+import { act, inside, link, listen, viewer } from "./link.js";
 
 const LOOK_MS = 100; // how often the outline is looked for, at most
 let looked = 0;
@@ -45,6 +47,23 @@ function aim() {
   const wanted = fits ? ring(Math.round(width)) : "crosshair";
   if (style.getPropertyValue("--r-cursor") !== wanted) style.setProperty("--r-cursor", wanted);
 }
+
+// ---------------------------------------------------------------- arrow keys move a held point
+
+const ARROWS = { ArrowLeft: "left", ArrowRight: "right", ArrowUp: "up", ArrowDown: "down" };
+
+function nudge(event) {
+  const way = ARROWS[event.key];
+  if (!way || !link.view?.nudges || event.ctrlKey || event.altKey || event.metaKey) return;
+  if (typing(event.target) || document.querySelector("dialog[open]")) return;
+  event.preventDefault();
+  event.stopImmediatePropagation();
+  act("nudge", event.shiftKey ? `fine ${way}` : way);
+}
+
+listen("keydown", nudge);
+
+// ---------------------------------------------------------------- pressed button, quiet outline
 
 // The button of the mode, among those of its group: the viewer shows none as pressed.
 function press() {

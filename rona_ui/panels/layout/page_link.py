@@ -17,6 +17,7 @@ from rona_core.errors import InvalidInputError
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change
 from rona_ui.presentation.camera import HEAD, ROOM, TABLE
 from rona_ui.presentation.footprint import footprint
+from rona_ui.presentation.held_point import NUDGES, held_point
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.presentation.view_state import EDITS, LAYERS, MODES, NEEDED, CutDirection
 from rona_ui.viewer.bindings import Event, escape
@@ -35,6 +36,7 @@ SHOWN = (
     "view.cut_maps",
     "view.drawing",
     "view.brush_mm",
+    "view.moved_point",
     "static_scene",
     "session.id",
     "session.captures",
@@ -65,6 +67,9 @@ class PageLink:
             "save": lambda value, event: context.service("save", event, None),
             "escape": lambda value, event: context.service("escape", event, None),
             "camera": lambda value, event: context.set_camera(_one_of(value, _cameras(None))),
+            "nudge": lambda value, event: context.service(
+                f"nudge:{_one_of(value, NUDGES)}", event, None
+            ),
             "theme": lambda value, event: set_theme(gui, dark=_one_of(value, THEMES) == "dark"),
             "layer": lambda value, event: self._show_layer(value),
             "all_layers": lambda value, event: self._set_view(all_layers=_flag(value)),
@@ -109,6 +114,7 @@ class PageLink:
             "mode": "" if view.drawing is None else MODES[view.drawing],
             "pressed": next((words for words, mode in EDITS.items() if mode == view.drawing), ""),
             "footprint": footprint(new),
+            "nudges": held_point(view, new.session) is not None,
             "cameras": _cameras(scene),
             "layers": [
                 {

@@ -22,12 +22,12 @@ from rona_core.geometry.arrays import Floats, Vector3
 from rona_core.session.document import Session
 from rona_ui.presentation.colors import PURPLE, SKY, YELLOW, Rgb
 from rona_ui.presentation.drawn_strokes import extended
+from rona_ui.presentation.held_point import corners_of, held_point
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.presentation.view_state import PAINTING, Point, ViewState
 from rona_ui.scene.layer import Layer, lift
-from rona_ui.scene.viser_nodes import NO_LINES, NO_POINTS, segments
+from rona_ui.scene.viser_nodes import NO_LINES, segments
 
-STROKES = ("surface", "path")  # drawn with the pointer itself
 LIFT_MM = 2.0
 MARK_MM = 1.4
 MOVED_POINT, MOVE_TARGET = "/edit/grabbed", "/edit/place"
@@ -119,12 +119,6 @@ def _move(
     return let_go, MovePathPoint(view.moved_point, place, _point(eye_base))
 
 
-def corners_of(session: Session) -> Floats:
-    """Return the points of the smoothed path (k, 3), none before there is one."""
-    smooth = session.results.smoothing
-    return NO_POINTS if smooth is None else smooth.value.corners_base
-
-
 def _found(points: Floats, eye_base: Vector3, ray: Vector3) -> int:
     number = nearest_point(points, eye_base, ray)
     if number is None:
@@ -147,11 +141,10 @@ class EditLayer(Layer):
         view = new.view
         if changed(old, new, "static_scene", "session", *MARKS):
             corners = corners_of(new.session)
-            moved_point = view.moved_point if view.drawing == "move" else None
-            there = moved_point is not None and moved_point < len(corners)
+            held = held_point(view, new.session)
             up = lift(new, LIFT_MM)
-            self._mark(MOVED_POINT, corners[moved_point] if there else None, YELLOW, up)
-            self._mark(MOVE_TARGET, view.move_target if there else None, SKY, up)
+            self._mark(MOVED_POINT, None if held is None else corners[held], YELLOW, up)
+            self._mark(MOVE_TARGET, None if held is None else view.move_target, SKY, up)
             ring = np.array(view.boundary, dtype=np.float64).reshape(-1, 3)
             closed = np.vstack((ring, ring[:1])) + up
             pairs = segments(closed) if len(ring) > 1 else NO_LINES

@@ -8,6 +8,7 @@ const box = $("helptext");
 const OTHERS = [
   ["Esc", "stops the robot at once while it moves, from any field; at rest closes what is open, reverts a field, or exits drawing and editing"],
   ["Enter", "applies a field; so does leaving it"],
+  ["Arrows", "move the selected point of the smoothed path over the bone, with Shift in small steps"],
   ["Tab", "goes to the next button, field or folder; Space opens a folder"],
 ];
 

@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 
+from tests.helpers.ui import browser_driver as driver
 from tests.helpers.ui import hand
 from tests.helpers.ui.browser_driver import Surgeon, wait_for
 
@@ -15,6 +16,19 @@ STROKE_POINTS = """() => {
   let count = 0;
   node?.traverse((part) => { count += part.geometry?.attributes?.position?.count ?? 0; });
   return count;
+}"""
+# of the words of the pressed button against what they stand on (WCAG 2)
+CONTRAST = """() => {
+  const button = document.querySelector('button[aria-pressed=true]');
+  const words = [...button.querySelectorAll('*')].find((e) => e.children.length === 0) ?? button;
+  const luminance = (color) => {
+    const [r, g, b] = color.match(/[\\d.]+/g).map((part) => part / 255)
+      .map((part) => (part <= 0.04045 ? part / 12.92 : ((part + 0.055) / 1.055) ** 2.4));
+    return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+  };
+  const found = [getComputedStyle(words).color, getComputedStyle(button).backgroundColor];
+  const [low, high] = found.map(luminance).sort((a, b) => a - b);
+  return (high + 0.05) / (low + 0.05);
 }"""
 OUTLINES = """() => {
   const found = [];
@@ -117,6 +131,9 @@ def test_a_mode_is_told_over_the_scene_by_the_cursor_and_by_its_button(surgeon: 
         assert surgeon.frame.evaluate(CURSOR) == "crosshair"
         pressed = surgeon.frame.locator("button[aria-pressed=true]")
         wait_for(lambda pressed=pressed, words=words: pressed.all_inner_texts() == [words], words)
+        for _ in ("dark", "light again"):
+            surgeon.command("mode")
+            wait_for(lambda: surgeon.frame.evaluate(CONTRAST) > 4.5, "words that can be read")
     surgeon.page.keyboard.press("Escape")
     mode(surgeon).wait_for(state="hidden")
     assert surgeon.frame.evaluate(CURSOR) != "crosshair"
@@ -159,4 +176,33 @@ def test_the_cursor_is_as_wide_as_the_face_of_the_probe_or_as_the_brush(surgeon:
     surgeon.page.mouse.wheel(0, 400)
     wait_for(lambda: ring_px(surgeon) < far - 2.0, "the ring to shrink as the camera goes away")
     surgeon.page.keyboard.press("Escape")
+    assert surgeon.errors == []
+
+
+def test_a_point_of_the_path_is_chosen_by_number_and_moved_by_the_arrow_keys(
+    surgeon: Surgeon,
+) -> None:
+    surgeon.open_demo()
+    surgeon.open_step("Smoothing")
+    hand.unfold(surgeon, "Path points")
+    keyboard, number = surgeon.page.keyboard, surgeon.field("Point no.")
+    place = surgeon.field("Position (mm)")
+    held = place.input_value()
+    driver.retype(surgeon, number, "5")
+    keyboard.press("Enter")
+    wait_for(lambda: "Moving points" in mode(surgeon).inner_text(), "the mode")
+    wait_for(lambda: place.input_value() != held, "the place of that point")
+    revision = surgeon.ask("/sessions/current")["revision"]
+    keyboard.press("Tab")
+    surgeon.button("Insert point after").focus()
+    for key in ("ArrowRight", "ArrowRight", "Shift+ArrowUp"):
+        keyboard.press(key)
+    wait_for(lambda: "/edit/place" in surgeon.nodes(), "the place it is moved to")
+    changed = lambda: surgeon.ask("/sessions/current")["revision"] - revision  # noqa: E731
+    wait_for(changed, "the point to be moved")
+    surgeon.frame.get_by_text("1 edited by hand").wait_for()
+    assert changed() == 1  # moves in a row are one change
+    surgeon.picture("path_points")
+    keyboard.press("Escape")
+    wait_for(mode(surgeon).is_hidden, "the mode to be left")
     assert surgeon.errors == []

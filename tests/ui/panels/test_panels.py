@@ -33,10 +33,10 @@ from rona_ui.panels.setup.setup import SetupPanel
 from rona_ui.panels.tool.tool import ToolPanel
 from rona_ui.panels.widgets.drawing_controls import DrawingControls
 from rona_ui.panels.widgets.panel_context import PanelContext
+from rona_ui.presentation.drawn_strokes import without_mode
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import NEEDED, ViewState
 from rona_ui.refusals import Refusal
-from rona_ui.window.browser import without_mode
 from tests.helpers.ui.fake_gui import FakeClient, FakeGui
 
 EVIL = "<img src=x onerror=alert(1)>"
