@@ -55,7 +55,8 @@ def held_point(view: ViewState, session: Session) -> int | None:
     corners = corners_of(session)
     if view.drawing != "move" or view.moved_point is None or not len(corners):
         return None
-    if view.move_target is None or view.held_path is session.results.smoothing:
+    smooth = session.results.smoothing
+    if view.move_target is None or view.held_path is None or view.held_path is smooth:
         return min(view.moved_point, len(corners) - 1)
     return int(np.linalg.norm(corners - view.move_target, axis=1).argmin())
 

@@ -48,6 +48,7 @@ HINTS = {
     "Load tool geometry…": "Reads where the markers are in the tool, for the next import",
     "Choose file…": "Reads a recording from a file and takes it into this step",
     # surface and path
+    "Lift pointer": "The next click begins a new stroke; nothing is sampled on the way to it",
     "Draw on the skull": "Draw a stroke with the mouse; the virtual hand follows it",
     "Finish stroke": "Records the drawn stroke with the tracked pointer",
     "Undo last point": "Takes back the last point of what is being drawn",
