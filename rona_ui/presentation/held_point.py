@@ -55,10 +55,19 @@ def held_point(view: ViewState, session: Session) -> int | None:
     corners = corners_of(session)
     if view.drawing != "move" or view.moved_point is None or not len(corners):
         return None
-    smooth = session.results.smoothing
-    if view.move_target is None or view.held_path is None or view.held_path is smooth:
+    if view.move_target is None or _counts(view, session):
         return min(view.moved_point, len(corners) - 1)
     return int(np.linalg.norm(corners - view.move_target, axis=1).argmin())
+
+
+def held_place(view: ViewState, session: Session) -> Point | None:
+    """Return where the held point is being moved to; None once the path was changed by it."""
+    return view.move_target if view.drawing == "move" and _counts(view, session) else None
+
+
+def _counts(view: ViewState, session: Session) -> bool:
+    """Return whether the path is still the one that the number of the held point counts on."""
+    return view.held_path is None or view.held_path is session.results.smoothing
 
 
 def nudged(view: ViewState, session: Session, gaze: Gaze, nudge: str) -> ViewState:
@@ -72,8 +81,9 @@ def nudged(view: ViewState, session: Session, gaze: Gaze, nudge: str) -> ViewSta
     held = held_point(view, session)
     if held is None:
         return view
-    begun = corners_of(session)[held] if view.move_target is None else np.array(view.move_target)
     way, step_mm = NUDGES[nudge]
+    moved = held_place(view, session)
+    begun = corners_of(session)[held] if moved is None else np.array(moved)
     x, y, z = (float(part) for part in begun + step_mm * gaze.towards(way))
     target: Point = placed((x, y, z), None, session)
     smooth = session.results.smoothing

@@ -120,7 +120,7 @@ def record(
         activity: Message, session: Session, context: ActivityContext
     ) -> tuple[Message, ...]:
         taken = capture(activity, session, context)
-        stored = StoreCapture(kind, taken)
+        stored = StoreCapture(kind, taken, getattr(activity, "append", False))
         return (stored,) if taken.partial or then is None else (stored, then())
 
     return perform

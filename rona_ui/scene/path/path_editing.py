@@ -22,7 +22,7 @@ from rona_core.geometry.arrays import Floats, Vector3
 from rona_core.session.document import Session
 from rona_ui.presentation.colors import PURPLE, SKY, YELLOW, Rgb
 from rona_ui.presentation.drawn_strokes import extended
-from rona_ui.presentation.held_point import corners_of, held_point
+from rona_ui.presentation.held_point import corners_of, held_place, held_point
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.presentation.view_state import PAINTING, Point, ViewState
 from rona_ui.scene.layer import Layer, lift
@@ -144,7 +144,7 @@ class EditLayer(Layer):
             held = held_point(view, new.session)
             up = lift(new, LIFT_MM)
             self._mark(MOVED_POINT, None if held is None else corners[held], YELLOW, up)
-            self._mark(MOVE_TARGET, None if held is None else view.move_target, SKY, up)
+            self._mark(MOVE_TARGET, held_place(view, new.session), SKY, up)
             ring = np.array(view.boundary, dtype=np.float64).reshape(-1, 3)
             closed = np.vstack((ring, ring[:1])) + up
             pairs = segments(closed) if len(ring) > 1 else NO_LINES

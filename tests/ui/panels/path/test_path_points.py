@@ -14,6 +14,7 @@ from rona_ui.presentation.held_point import (
     Gaze,
     corners_of,
     held_move,
+    held_place,
     held_point,
     holding,
     nudged,
@@ -124,6 +125,20 @@ def test_after_a_move_the_same_point_is_held_whatever_its_number(demo, gaze):
     assert again.moved_point == held
     fewer = handle(DeletePathPoint(0), after)
     assert np.linalg.norm(corners_of(fewer)[held_point(view, fewer)] - view.move_target) < 1e-6
+
+
+def test_after_undo_the_keys_go_on_from_where_the_point_is(demo, gaze):
+    view = holding(VIEW, demo, 6)
+    for _ in range(6):
+        view = nudged(view, demo, gaze, "up")
+    assert held_place(view, demo) == view.move_target
+    after = handle(held_move(view), demo)
+    assert held_place(view, after) is None  # the point is there
+    undone = replace(
+        after, results=replace(after.results, smoothing=replace(demo.results.smoothing))
+    )
+    again = nudged(view, undone, gaze, "up")
+    assert np.linalg.norm(np.subtract(again.move_target, corners_of(demo)[again.moved_point])) < 1.0
 
 
 def test_beyond_the_measured_surface_there_is_no_place(demo, gaze):
