@@ -133,7 +133,7 @@ def _beside(index: int, session: Session) -> tuple[int | None, int | None]:
 
 
 def placed(point: Point, eye: Point | None, session: Session) -> Point:
-    """Return the place on the measured surface that is meant by a point, from an eye if there is one.
+    """Return the place on the measured surface that a point means, from an eye if there is one.
 
     Raises:
         StepBlockedError: no surface was sampled yet.
