@@ -55,7 +55,7 @@ function cameras() {
 const words = (name) => docked(name)?.textContent.trim();
 
 // Ask for another value of the view; a second press counts from it, also before the view has come.
-function turn(what, value) {
+export function turn(what, value) {
   view()[what] = value;
   act(what, value);
 }
@@ -78,12 +78,12 @@ register(
     enabled: () => view() && session().can_redo, run: () => act("redo") },
   { id: "save", group: "Session", title: "Save", key: "Ctrl+S", icon: "save", anywhere: true,
     enabled: view, run: () => act("save") },
-  { id: "cut-off", group: "Cut", title: "No cut", enabled: () => view() && !view().drawing, run: () => act("cut", "off") },
+  { id: "cut-off", group: "Cut", title: "No cut", enabled: () => view() && !view().drawing, run: () => turn("cut", "off") },
   { id: "cut-lengthwise", group: "Cut", title: "Cut lengthwise", key: "X",
     enabled: () => view() && !view().drawing,
     run: () => turn("cut", view().cut === "lengthwise" ? "off" : "lengthwise") },
   { id: "cut-crosswise", group: "Cut", title: "Cut crosswise",
-    enabled: () => view() && !view().drawing, run: () => act("cut", "crosswise") },
+    enabled: () => view() && !view().drawing, run: () => turn("cut", "crosswise") },
   { id: "all-layers", group: "Layers", title: "All layers", key: "Y",
     enabled: view, run: () => turn("all_layers", !view().all_layers) },
   { id: "report", group: "Session", title: "Report", icon: "report", enabled: session, run: report },
