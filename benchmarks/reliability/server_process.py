@@ -37,6 +37,12 @@ def left_after(pids: Sequence[int], timeout_s: float = 10.0) -> int:
     return len(left)
 
 
+def cpu_s_of(pid: int) -> float:
+    """Return the CPU time that a process has taken so far, without its children."""
+    words = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
+
+
 class ServerProcess:
     """A server that answers."""
 
@@ -64,8 +70,7 @@ class ServerProcess:
 
     def cpu_s(self) -> float:
         """Return the CPU time that it has taken so far, without its children."""
-        words = Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
-        return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
+        return cpu_s_of(self.process.pid)
 
     def open(self, path: str, body: dict[str, Any] | None = None, *, below: str = "/api/v1") -> Any:
         """Return the answer to a GET, or to a POST of ``body``."""

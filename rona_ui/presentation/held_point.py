@@ -1,14 +1,15 @@
-"""Point of the smoothed path that is held in the mode *Move*: chosen by number, moved by keys."""
+"""Point of the smoothed path that is held in the mode *Move*, by mouse, number or keys."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from rona_core.app.messages.message import Point
-from rona_core.app.steps.path.handlers import placed
+from rona_core.app.steps.path.handlers import place_on_surface
 from rona_core.app.steps.path.messages import MovePathPoint
 from rona_core.geometry.arrays import Floats, Vector3
 from rona_core.session.document import Session
+from rona_ui.presentation.camera import CameraPose
 from rona_ui.presentation.view_state import ViewState
 
 WAYS = ("left", "right", "up", "down")
@@ -16,21 +17,13 @@ STEPS_MM = {"": 0.5, "fine ": 0.1}  # of one press, without and with Shift
 NUDGES = {f"{how}{way}": (way, step) for how, step in STEPS_MM.items() for way in WAYS}
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Gaze:
-    """How somebody looks at the scene: eye (3,), target (3,) and what is up (3,), in ``base``."""
-
-    eye_base: Vector3
-    target_base: Vector3
-    up_base: Vector3
-
-    def towards(self, way: str) -> Vector3:
-        """Return the unit vector (3,) in ``base`` that leads this way across the picture."""
-        forward = self.target_base - self.eye_base
-        right = np.cross(forward, self.up_base)
-        axis = right if way in ("left", "right") else np.cross(right, forward)
-        axis = axis / np.linalg.norm(axis)
-        return -axis if way in ("left", "down") else axis
+def across(camera: CameraPose, way: str) -> Vector3:
+    """Return the unit vector (3,) in ``base`` that leads left, right, up or down in the picture."""
+    forward = camera.target_base - camera.eye_base
+    right = np.cross(forward, camera.up_base)
+    axis = right if way in ("left", "right") else np.cross(right, forward)
+    axis = axis / np.linalg.norm(axis)
+    return -axis if way in ("left", "down") else axis
 
 
 def corners_of(session: Session) -> Floats:
@@ -67,10 +60,10 @@ def held_place(view: ViewState, session: Session) -> Point | None:
 
 def _counts(view: ViewState, session: Session) -> bool:
     """Return whether the path is still the one that the number of the held point counts on."""
-    return view.held_path is None or view.held_path is session.results.smoothing
+    return view.held_path is session.results.smoothing
 
 
-def nudged(view: ViewState, session: Session, gaze: Gaze, nudge: str) -> ViewState:
+def nudged(view: ViewState, session: Session, camera: CameraPose, nudge: str) -> ViewState:
     """Return the view with the held point a step further over the measured surface.
 
     ``nudge`` is one of ``NUDGES``.
@@ -84,8 +77,8 @@ def nudged(view: ViewState, session: Session, gaze: Gaze, nudge: str) -> ViewSta
     way, step_mm = NUDGES[nudge]
     moved = held_place(view, session)
     begun = corners_of(session)[held] if moved is None else np.array(moved)
-    x, y, z = (float(part) for part in begun + step_mm * gaze.towards(way))
-    target: Point = placed((x, y, z), None, session)
+    x, y, z = (float(part) for part in begun + step_mm * across(camera, way))
+    target: Point = place_on_surface((x, y, z), None, session)
     smooth = session.results.smoothing
     return replace(view, moved_point=held, move_target=target, held_path=smooth)
 

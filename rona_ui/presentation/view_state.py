@@ -144,7 +144,7 @@ class ViewState:
     lifts: tuple[int, ...] = ()  # numbers of the picks before which the pointer is lifted
     moved_point: int | None = None  # number of the point of the smoothed path that is being moved
     move_target: Point | None = None  # where it is held, in base, mm
-    held_path: Any | None = None  # the smoothed path that its number counts on, if chosen by number
+    held_path: Any | None = None  # the smoothed path that its number counts on
     center: Point | None = None  # of the pattern that is to be made
     boundary: tuple[Point, ...] = ()  # of the same
     brush_mm: float = 5.0  # radius of the brush

@@ -25,11 +25,12 @@ from rona_ui.presentation.camera import (
     FOV_RAD,
     NARROWEST,
     UP,
+    CameraPose,
     about_pointer,
     camera_pose,
 )
 from rona_ui.presentation.drawn_strokes import STROKES, with_pick, without_mode
-from rona_ui.presentation.held_point import Gaze, held_move, nudged
+from rona_ui.presentation.held_point import held_move, nudged
 from rona_ui.presentation.shown import opening_view, shown_preset
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState
@@ -228,9 +229,10 @@ class Browser:
     def _nudge(self, way: str, event: Event) -> None:
         """Move the point of the path that is held; what was moved in a row is one command."""
         camera, session = self.client.camera, self._hub.get().session
-        gaze = Gaze(np.array(camera.position), np.array(camera.look_at), camera.up_direction)
+        eye_base, target_base = (np.array(p) / M_PER_MM for p in (camera.position, camera.look_at))
+        pose = CameraPose(eye_base, target_base, np.array(camera.up_direction))
         try:
-            self.change_view(lambda v: nudged(v, session, gaze, way))
+            self.change_view(lambda v: nudged(v, session, pose, way))
         except RonaError as error:
             self._bindings.refuse(error, event)
         else:

@@ -7,7 +7,6 @@ of the tests. For the clicks the scene is drawn at a twentieth of its resolution
 program, not the software that stands in for a graphics card.
 """
 
-import os
 import statistics
 import tempfile
 import threading
@@ -21,6 +20,7 @@ from urllib.parse import urlsplit
 import viser
 
 from benchmarks.reference.yardstick import REFERENCE_S, yardstick_s
+from benchmarks.reliability.server_process import cpu_s_of
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.steps.surface.messages import BuildSurface
 from rona_core.compose import new_workbench
@@ -138,10 +138,9 @@ def server_cpu_s(address: str) -> float:
     """Return the CPU time so far of the server at an address, a child of this program."""
     port = str(urlsplit(address).port)
     children = Path(f"/proc/self/task/{threading.get_native_id()}/children").read_text().split()
-    for child in map(Path, (f"/proc/{number}" for number in children)):
-        if port in (child / "cmdline").read_text().split("\0"):
-            words = (child / "stat").read_text().rpartition(")")[2].split()
-            return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
+    for child in children:
+        if port in Path(f"/proc/{child}/cmdline").read_text().split("\0"):
+            return cpu_s_of(int(child))
     raise RuntimeError(f"no server of this program is at {address}")
 
 

@@ -14,9 +14,8 @@ import numpy as np
 
 from benchmarks.metric import Metric, Progress, cpu_ms, over_seeds
 from benchmarks.reference.volume_modes import compounded, filled
-from benchmarks.suites.honesty.design import bench_of
+from benchmarks.suites.honesty.design import session_of
 from rona_core.app.dependencies.inputs import require_result
-from rona_core.app.procedure import run_procedure
 from rona_core.app.steps.maps.volume import echo_volume, scan_lines
 from rona_core.geometry.pose import Pose
 from rona_core.mapping.boundary_map import BoundaryMap
@@ -53,10 +52,7 @@ def sessions(progress: Progress) -> Iterator[Session]:
         yield load_session(path)
     for seed in SEEDS:
         progress(f"seed {seed}")
-        bench = bench_of(seed)
-        run_procedure(bench)
-        yield bench.session
-        bench.close()
+        yield session_of(seed)
 
 
 def modes(volume: EchoVolume, lines: ScanLines) -> Iterator[tuple[str, EchoVolume]]:

@@ -1,5 +1,6 @@
 """Points of the smoothed path in step 6: listed, and changed by their number."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -45,6 +46,7 @@ class PathPoints:
     def _move(self, name: str, event: Any) -> None:
         index, (x, y, z) = self._index(), self._form.value(name)
         place = float(x), float(y), float(z)
+        self._context.change_view(lambda v: replace(self._select(v), move_target=place))
         self._context.send_debounced("point", lambda: MovePathPoint(index, place), event)
 
     def _halfway(self) -> InsertPathPoint:

@@ -22,7 +22,7 @@ from rona_core.geometry.arrays import Floats, Vector3
 from rona_core.session.document import Session
 from rona_ui.presentation.colors import PURPLE, SKY, YELLOW, Rgb
 from rona_ui.presentation.drawn_strokes import extended
-from rona_ui.presentation.held_point import corners_of, held_place, held_point
+from rona_ui.presentation.held_point import corners_of, held_place, held_point, holding
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.presentation.view_state import PAINTING, Point, ViewState
 from rona_ui.scene.layer import Layer, lift
@@ -99,24 +99,23 @@ def _move(
 ) -> tuple[ViewState, Any | None]:
     """Two clicks, or one drag: from a point to its new place."""
     if phase == "start" or (phase == "click" and view.moved_point is None):
-        return replace(
-            view, moved_point=_found(corners_of(session), eye_base, ray), move_target=None
-        ), None
-    if view.moved_point is None:
+        return holding(view, session, _found(corners_of(session), eye_base, ray)), None
+    held = held_point(view, session)
+    if held is None:
         return view, None
     if phase == "update":
         try:
             return replace(view, move_target=_point(sight(session, eye_base, ray))), None
         except RonaError:  # beside the surface: told only if it is let go there
             return replace(view, move_target=None), None
-    let_go = replace(view, moved_point=None, move_target=None)
+    let_go = replace(view, moved_point=None, move_target=None, held_path=None)
     try:
         place = _point(sight(session, eye_base, ray))
     except RonaError:
         if phase == "end":
             return let_go, None
         raise
-    return let_go, MovePathPoint(view.moved_point, place, _point(eye_base))
+    return let_go, MovePathPoint(held, place, _point(eye_base))
 
 
 def _found(points: Floats, eye_base: Vector3, ray: Vector3) -> int:

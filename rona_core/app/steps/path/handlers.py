@@ -37,7 +37,7 @@ def edited(message: messages.PathChange, session: Session) -> PathEdits:
 @edited.register
 def _(message: messages.MovePathPoint, session: Session) -> PathEdits:
     before, after = _beside(message.index, session)
-    place = placed(message.point_base_mm, message.seen_from_base_mm, session)
+    place = place_on_surface(message.point_base_mm, message.seen_from_base_mm, session)
     return _with(session, PathEdit("replace", before, after, (place,)))
 
 
@@ -48,7 +48,7 @@ def _(message: messages.InsertPathPoint, session: Session) -> PathEdits:
         raise InvalidInputError(f"after must be -1 to {len(kept) - 1}, not {message.after}")
     first = None if message.after < 0 else int(kept[message.after])
     last = None if message.after == len(kept) - 1 else int(kept[message.after + 1])
-    place = placed(message.point_base_mm, message.seen_from_base_mm, session)
+    place = place_on_surface(message.point_base_mm, message.seen_from_base_mm, session)
     return _with(session, PathEdit("replace", first, last, (place,)))
 
 
@@ -132,7 +132,7 @@ def _beside(index: int, session: Session) -> tuple[int | None, int | None]:
     return before, after
 
 
-def placed(point: Point, eye: Point | None, session: Session) -> Point:
+def place_on_surface(point: Point, eye: Point | None, session: Session) -> Point:
     """Return the place on the measured surface that a point means, from an eye if there is one.
 
     Raises:

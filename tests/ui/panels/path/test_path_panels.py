@@ -40,6 +40,7 @@ from rona_ui.panels.path.path_graph import PathGraph, graph
 from rona_ui.panels.smoothing import SmoothingPanel, warning_notes
 from rona_ui.panels.widgets.panel_context import PanelContext
 from rona_ui.presentation.colors import viridis
+from rona_ui.presentation.held_point import holding
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import Preview, ViewState
 from rona_ui.scene.path import path as scene_path
@@ -436,7 +437,7 @@ def test_warned_places_are_marked_and_rest_while_the_bound_is_dragged(smoothed) 
 
 
 def test_the_point_that_is_held_and_the_boundary_are_drawn(smoothed) -> None:
-    view = replace(SMOOTHING, drawing="move", moved_point=3, move_target=(600.0, 50.0, 390.0))
+    view = replace(holding(SMOOTHING, smoothed, 3), move_target=(600.0, 50.0, 390.0))
     nodes = drawn(smoothed, view)
     np.testing.assert_allclose(
         nodes["/edit/grabbed"].points[0], corners(smoothed)[3] / 1000, atol=1e-6

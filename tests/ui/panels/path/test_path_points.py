@@ -10,8 +10,8 @@ from rona_core.app.steps.path.messages import DeletePathPoint, InsertPathPoint, 
 from rona_core.errors import DegenerateGeometryError
 from rona_core.session.files import load_session
 from rona_ui.panels.path.path_points import PathPoints
+from rona_ui.presentation.camera import CameraPose
 from rona_ui.presentation.held_point import (
-    Gaze,
     corners_of,
     held_move,
     held_place,
@@ -21,6 +21,7 @@ from rona_ui.presentation.held_point import (
 )
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.resources import demo_session
+from rona_ui.scene.path.path_editing import point_at
 from tests.helpers.ui.fake_gui import FakeGui
 from tests.ui.panels.test_panels import CLIENT, Recorder, snapshot
 
@@ -33,10 +34,10 @@ def demo():
 
 
 @pytest.fixture(scope="module")
-def gaze(demo):
+def camera(demo):
     """Somebody looks down on the region, x of the base to the right."""
     middle = corners_of(demo).mean(axis=0)
-    return Gaze(middle + (0.0, 0.0, 300.0), middle, np.array((0.0, 1.0, 0.0)))
+    return CameraPose(middle + (0.0, 0.0, 300.0), middle, np.array((0.0, 1.0, 0.0)))
 
 
 def panel_at(demo, view=VIEW):
@@ -83,6 +84,23 @@ def test_a_point_is_moved_inserted_and_deleted_by_number(demo):
     assert changed < 0.5  # on the measured surface beside it
 
 
+def test_a_click_moves_the_held_point_also_when_its_number_has_changed(demo, camera):
+    view = holding(VIEW, demo, 6)
+    for _ in range(6):
+        view = nudged(view, demo, camera, "up")
+    after = handle(held_move(view), demo)
+    fewer = handle(DeletePathPoint(0), after)
+    place = corners_of(demo)[10]
+    ray = place - camera.eye_base
+    let_go, moved = point_at(fewer, view, camera.eye_base, ray, "click")
+    assert moved.index == held_point(view, fewer) != view.moved_point
+    assert (let_go.moved_point, let_go.move_target, let_go.held_path) == (None, None, None)
+    again, _ = point_at(
+        fewer, view, camera.eye_base, corners_of(fewer)[3] - camera.eye_base, "start"
+    )
+    assert held_point(again, fewer) == 3
+
+
 def test_nothing_goes_behind_the_last_point_and_a_path_keeps_two(demo):
     last = len(corners_of(demo)) - 1
     gui, _, _ = panel_at(demo, holding(VIEW, demo, last))
@@ -90,59 +108,59 @@ def test_nothing_goes_behind_the_last_point_and_a_path_keeps_two(demo):
     assert not gui.find("button", "Delete this point").disabled
 
 
-def test_arrow_keys_move_the_held_point_across_the_picture_and_on_the_surface(demo, gaze):
+def test_arrow_keys_move_the_held_point_across_the_picture_and_on_the_surface(demo, camera):
     begun = corners_of(demo)[6]
     for nudge, way, step in (
         ("right", (1, 0), 0.5),
         ("up", (0, 1), 0.5),
         ("fine left", (-1, 0), 0.1),
     ):
-        view = nudged(holding(VIEW, demo, 6), demo, gaze, nudge)
+        view = nudged(holding(VIEW, demo, 6), demo, camera, nudge)
         off = np.subtract(view.move_target, begun)[:2]
         assert np.linalg.norm(off - step * np.array(way)) < 0.6 * step
         assert off @ way > 0.4 * step
-    twice = nudged(nudged(holding(VIEW, demo, 6), demo, gaze, "right"), demo, gaze, "right")
+    twice = nudged(nudged(holding(VIEW, demo, 6), demo, camera, "right"), demo, camera, "right")
     assert np.subtract(twice.move_target, begun)[0] > 0.7
     assert held_move(twice) == MovePathPoint(6, twice.move_target)
 
 
-def test_nothing_held_or_taken_back_is_no_command(demo, gaze):
-    assert nudged(VIEW, demo, gaze, "left") == VIEW
+def test_nothing_held_or_taken_back_is_no_command(demo, camera):
+    assert nudged(VIEW, demo, camera, "left") == VIEW
     assert held_move(VIEW) is None
-    moved = nudged(holding(VIEW, demo, 6), demo, gaze, "left")
+    moved = nudged(holding(VIEW, demo, 6), demo, camera, "left")
     assert held_move(replace(moved, drawing=None)) is None
     assert held_move(replace(moved, move_target=None)) is None
 
 
-def test_after_a_move_the_same_point_is_held_whatever_its_number(demo, gaze):
+def test_after_a_move_the_same_point_is_held_whatever_its_number(demo, camera):
     view = holding(VIEW, demo, 6)
     for _ in range(6):
-        view = nudged(view, demo, gaze, "up")
+        view = nudged(view, demo, camera, "up")
     after = handle(held_move(view), demo)
     held = held_point(view, after)
     np.testing.assert_allclose(corners_of(after)[held], view.move_target, atol=1e-6)
-    again = nudged(view, after, gaze, "up")
+    again = nudged(view, after, camera, "up")
     assert again.moved_point == held
     fewer = handle(DeletePathPoint(0), after)
     assert np.linalg.norm(corners_of(fewer)[held_point(view, fewer)] - view.move_target) < 1e-6
 
 
-def test_after_undo_the_keys_go_on_from_where_the_point_is(demo, gaze):
+def test_after_undo_the_keys_go_on_from_where_the_point_is(demo, camera):
     view = holding(VIEW, demo, 6)
     for _ in range(6):
-        view = nudged(view, demo, gaze, "up")
+        view = nudged(view, demo, camera, "up")
     assert held_place(view, demo) == view.move_target
     after = handle(held_move(view), demo)
     assert held_place(view, after) is None  # the point is there
     undone = replace(
         after, results=replace(after.results, smoothing=replace(demo.results.smoothing))
     )
-    again = nudged(view, undone, gaze, "up")
+    again = nudged(view, undone, camera, "up")
     assert np.linalg.norm(np.subtract(again.move_target, corners_of(demo)[again.moved_point])) < 1.0
 
 
-def test_beyond_the_measured_surface_there_is_no_place(demo, gaze):
+def test_beyond_the_measured_surface_there_is_no_place(demo, camera):
     far = corners_of(demo)[0] + (0.0, 80.0, 0.0)
     view = replace(holding(VIEW, demo, 0), move_target=tuple(far))
     with pytest.raises(DegenerateGeometryError, match="slide the pointer there first"):
-        nudged(view, demo, gaze, "up")
+        nudged(view, demo, camera, "up")
