@@ -25,9 +25,13 @@ class DockHelper {
 
   // Hints as titles: the viewer shows none on its buttons, and those of fields beside the label only.
   hint() {
-    const now = performance.now(), inside = this.page.document;
-    if (now - this.hinted < HINTS_MS) return;
-    this.hinted = now;
+    const left = this.hinted + HINTS_MS - performance.now(), inside = this.page.document;
+    clearTimeout(this.later);
+    if (left > 0) { // a pointer that rests from now on is told too
+      this.later = setTimeout(() => this.hint(), left);
+      return;
+    }
+    this.hinted = performance.now();
     for (const told of inside.querySelectorAll("[data-hint-for]")) {
       const control = inside.getElementById(told.dataset.hintFor);
       const label = inside.querySelector(`label[for="${CSS.escape(told.dataset.hintFor)}"]`);

@@ -1,9 +1,11 @@
 """Form: named fields of a step whose values become the arguments of a message."""
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 from rona_ui.labels import note_label
+from rona_ui.panels.widgets.panel_context import on_change
 from rona_ui.viewer.bindings import Event
 
 
@@ -65,12 +67,9 @@ class Form:
         self._add(name, label, self._gui.add_checkbox(label, value, hint=hint))
 
     def on_change(self, call: Callable[[str, Event], None]) -> None:
-        """Call ``call(name, event)`` whenever a field changes, in order."""
+        """Call ``call(name, event)`` when a user changes a field; our own writes are ignored."""
         for name, field in self._fields.items():
-
-            @field.on_update
-            async def _(event: Any, name: str = name) -> None:
-                call(name, event)
+            on_change(field, partial(call, name))
 
     def values(self, *names: str) -> dict[str, Any]:
         """Return what the fields hold (all, or those named)."""

@@ -1,7 +1,7 @@
 """A recording stand-in for viser's gui: handles hold what was written, and can be clicked."""
 
 import asyncio
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from types import SimpleNamespace
 from typing import Any
 
@@ -21,14 +21,19 @@ class FakeHandle(AbstractContextManager["FakeHandle"]):
 
     def __init__(self, kind: str, label: str = "", **parts: Any) -> None:
         self.kind, self.label, self.visible, self.disabled = kind, label, True, False
+        self.callbacks: list[Any] = []
         self.content, self.value, self.removed = "", None, False
         self.__dict__.update(parts)
-        self.callbacks: list[Any] = []
 
     def __setattr__(self, name: str, value: Any) -> None:
         if name == "disabled" and value and self.kind == "button_group":
             raise AssertionError("viser refuses to disable a group of buttons")
+        new = name == "value" and value != self.__dict__.get("value")
         super().__setattr__(name, value)
+        if new and self.kind != "upload_button":
+            for call in self.callbacks:  # viser calls back for what the program writes too
+                with suppress(StopIteration):
+                    call(SimpleNamespace(client=None, target=self)).send(None)
 
     def __exit__(self, *error: object) -> None:
         return None

@@ -168,7 +168,7 @@ def test_the_skull_is_cut_by_the_menu_either_way_and_by_x(surgeon: Surgeon) -> N
         seen(surgeon, CUT)
         wait_for(lambda: surgeon.frame.evaluate(RIM) not in rims, f"another cut: {words}")
         rims.append(surgeon.frame.evaluate(RIM))
-    assert view(surgeon)["cut_offset"] == 0.5
+    wait_for(lambda: view(surgeon)["cut_offset"] == 0.5, "the menu to have moved the cut")
     menu.get_by_label("No cut").check()
     seen(surgeon, CUT, False)
     page.keyboard.press("Escape")

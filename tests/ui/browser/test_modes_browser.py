@@ -123,7 +123,7 @@ def test_the_pointer_is_lifted_between_drags_and_each_stroke_is_recorded(
 def test_a_mode_is_told_over_the_scene_by_the_cursor_and_by_its_button(surgeon: Surgeon) -> None:
     surgeon.open_demo()  # its path fits its cloud
     surgeon.open_step("Smoothing")
-    assert mode(surgeon).is_hidden()
+    mode(surgeon).wait_for(state="hidden")
     for words, told in (("Move", "Moving points"), ("Delete", "Deleting points")):
         button = surgeon.frame.get_by_role("button", name=words, exact=True)
         button.click()

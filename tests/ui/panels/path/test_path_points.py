@@ -63,6 +63,16 @@ def test_all_points_are_listed_and_one_is_chosen_by_its_number(demo):
     np.testing.assert_allclose(place, corners_of(demo)[4], atol=0.006)
 
 
+def test_a_path_that_is_shown_takes_hold_of_no_point(demo):
+    gui, recorder, panel = panel_at(demo)
+    fewer = handle(DeletePathPoint(0), demo)  # the place of the first point is another now
+    panel.render(snapshot(demo, view=VIEW), snapshot(fewer, view=VIEW))
+    place = gui.find("vector3", "Position (mm)").value
+    np.testing.assert_allclose(place, corners_of(fewer)[0], atol=0.006)
+    assert recorder.shown == VIEW
+    assert recorder.sent == []
+
+
 def test_a_point_is_moved_inserted_and_deleted_by_number(demo):
     gui, recorder, _ = panel_at(demo, holding(VIEW, demo, 4))
     assert gui.find("number", "Point no.").value == 5
