@@ -11,7 +11,7 @@ from rona_core.robot.redundancy.result import RankedRoll, RollCurve
 
 def cheapest_constant(evaluation: RollEvaluation, cost: RollCost) -> RollCurve | None:
     """Return the feasible constant roll that costs least in the objective of varying ones."""
-    problem = RollProblem(evaluation.grid, cost)
+    problem = RollProblem(evaluation.grid(), cost)
     curves = [_constant_curve(problem, pair) for pair in evaluation.ranked]
     return min(curves, key=lambda curve: curve.cost.total, default=None)
 

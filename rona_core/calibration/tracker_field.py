@@ -10,6 +10,7 @@ are weighted by the likelihood of the residuals; without a pivot each length is 
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.spatial.distance import cdist
 
 from rona_core.geometry.arrays import Floats, readonly
 
@@ -60,11 +61,14 @@ class LearnedField:
             points_tracker: Places of markers (n, 3).
         """
         scaled = sensitivity * self.stated.sigmas_mm(points_tracker)
-        squares = ((points_tracker[:, None] - points_tracker[None]) ** 2).sum(axis=2)
+        squares = cdist(points_tracker, points_tracker, "sqeuclidean")
         alike = np.zeros_like(squares)
         for length_mm, weight in zip(LENGTHS_MM, self.weights, strict=True):
             if weight > NEGLIGIBLE:
-                alike += weight * np.exp(-0.5 * squares / length_mm**2)
+                part = squares * (-0.5 / length_mm**2)
+                np.exp(part, out=part)
+                part *= weight
+                alike += part
         alike /= self.weights[self.weights > NEGLIGIBLE].sum()
         return sum(
             (scaled[:, :, axis] @ alike @ scaled[:, :, axis].T for axis in range(3)),

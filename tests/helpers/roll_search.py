@@ -45,12 +45,12 @@ def search_rolls(
     if index >= 0 and mode != "variable":
         verdict = evaluation.verdicts[index]
         roll_rad = float(np.deg2rad(verdict.roll_deg))
-        qs = joint_path(path, model, roll_rad, verdict.branch, limits)
+        qs = joint_path(path, model, roll_rad, verdict.branch)
         return evaluation.search().with_constant_roll(index, verdict.branch, qs)
     if mode == "constant":
         return evaluation.search()
     curve, verdict = plan_variable_roll(
-        evaluation.grid,
+        evaluation.grid(),
         RollCost(),
         progress=lambda share: progress(0.5 + 0.5 * share),
         cancel=cancel,

@@ -114,7 +114,7 @@ def scene_metrics() -> list[Metric]:
         wanted = "constant" if scene.feasible else "variable" if scene.variable else "none"
         right += plan.search.mode == wanted and plan.may_move == scene.variable
         evaluation = evaluate_constant_rolls(path, model, ROLLS_DEG, margin_limits)
-        curve, _ = plan_variable_roll(evaluation.grid, cost)
+        curve, _ = plan_variable_roll(evaluation.grid(), cost)
         constant = cheapest_constant(evaluation, cost)
         if curve is not None and constant is not None:
             shares.append(curve.cost.total / constant.cost.total)

@@ -23,17 +23,18 @@ class BandedMatrix:
 
     bands: Floats  # (k + 1, n) in the order of Fortran: row d holds the entries (j + d, j)
 
-    def plus(self, factor: float, other: "BandedMatrix") -> "BandedMatrix":
-        """Return the sum of it and ``factor`` times another."""
-        bands = factor * other.bands
-        bands += self.bands
+    def plus(
+        self, factor: float, other: "BandedMatrix", *, overwrite: bool = False
+    ) -> "BandedMatrix":
+        """Return the sum of it and ``factor`` times another; with ``overwrite`` in its place."""
+        bands = self.bands if overwrite else self.bands.copy(order="F")
+        blas.daxpy(other.bands.ravel(order="K"), bands.ravel(order="K"), a=factor)  # in place
         return BandedMatrix(bands)
 
-    def held(self) -> "BandedMatrix":
-        """Return it with a diagonal that is so much larger as rounding asks for."""
-        bands = self.bands.copy(order="F")
-        bands[0] += ROUNDING * max(float(np.abs(self.bands).max()), 1.0)
-        return BandedMatrix(bands)
+    def hold(self) -> None:
+        """Make the diagonal so much larger as rounding asks for."""
+        largest = max(float(self.bands.max()), -float(self.bands.min()), 1.0)
+        self.bands[0] += ROUNDING * largest
 
     def energy(self, values: Floats) -> float:
         """Return the quadratic form at values (n,)."""

@@ -32,11 +32,10 @@ def residuals(
     slopes = operator @ bone.inner_slopes.reshape(-1, 2)
     mapped = cosine * (points_map[:, 2] - operator @ bone.inner.height_mm.ravel())
     normals_map = cosine[:, None] * np.column_stack((-slopes, np.ones(len(slopes))))
-    shift = (normals_map @ T_map_bed.rotation) @ problem.errors_bed
     drawn = operator @ bone.inner_draws
     np.subtract(points_map[:, 2, None], drawn, out=drawn)
     drawn *= cosine[:, None]
-    drawn += shift
+    drawn += (normals_map @ T_map_bed.rotation) @ problem.errors_bed
     return drawn, mapped
 
 

@@ -7,11 +7,13 @@ some places moves all of them (an ensemble Kalman filter with perturbed observat
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.distance import cdist
 
 from rona_core.geometry.arrays import Bools, Floats, Ints
 
 TAPER_MM = 15.0  # beyond which chance alone may tie draws together
 LEAST_SIGMA_MM = 0.10  # of one A-scan: the face looks at a disc, and not at a place
+AT_ONCE = 512  # places that are worked on together: thousands with all draws take much memory
 OUTLIER = 3.5  # sigmas off the median difference
 
 
@@ -65,11 +67,18 @@ class CorrectedBone:
 
     def draws(self, places_bed: Floats, drawn_mm: Floats) -> Floats:
         """Return residuals (n, k) below places (n, 3) in draws, given those of the maps (n, k)."""
-        off = drawn_mm - drawn_mm.mean(axis=1, keepdims=True)
-        return drawn_mm + self._tied(places_bed, off) @ self._moves
+        found = drawn_mm.copy()
+        for start in range(0, len(found), AT_ONCE):
+            rows = slice(start, start + AT_ONCE)
+            off = drawn_mm[rows] - drawn_mm[rows].mean(axis=1, keepdims=True)
+            found[rows] += self._tied(places_bed[rows], off) @ self._moves
+        return found
 
     def _tied(self, places_bed: Floats, off_mm: Floats) -> Floats:
         """Return the covariance (n, m) of places with those that were measured."""
-        away2 = ((places_bed[:, None, :2] - self._places[None, :, :2]) ** 2).sum(axis=-1)
-        taper = np.exp(-0.5 * away2 / TAPER_MM**2)
-        return taper * (off_mm @ self._off.T) / (off_mm.shape[1] - 1)
+        away2 = cdist(places_bed[:, :2], self._places[:, :2], "sqeuclidean")
+        away2 *= -0.5 / TAPER_MM**2  # in place: there are many places
+        tied = np.exp(away2, out=away2)
+        tied *= off_mm @ self._off.T
+        tied /= off_mm.shape[1] - 1
+        return tied

@@ -125,23 +125,27 @@ class _Rehearsal:
         wander = HEAD_MM * np.random.default_rng(0).standard_normal(drawn.shape[1])
         before: Bools = way.layers <= pause
         first = way.part(before)
-        done, stopped = self._mill(first, drawn[before] + wander)
+        above = drawn[before]
+        above += wander
+        done, stopped = self._mill(first, above)
+        del above
         measured, asked, ceiling = None, 0, -np.inf
         if not stopped:
             if len(first):
                 asked, measured = self._scan(measure, first)
             if measured is not None:
                 drawn = CorrectedBone(measured).draws(way.bottoms_bed, drawn)
-            drawn = drawn + wander
+            drawn += wander
             if self._guards.rescan:
                 bottoms, score = way.bottoms_bed[~before], float(ndtri(task.probability))
                 ceiling = ceiling_mm(bottoms, drawn[~before], task.limit_mm, score)
         commanded, rows = corrected_way(way, pause, ceiling)
         lifted = commanded.bottoms_bed[:, 2] - way.bottoms_bed[rows, 2]
-        drawn = drawn[rows] + lifted[:, None]
+        drawn = drawn[rows]
+        drawn += lifted[:, None]
         if not stopped:
             after = np.arange(len(commanded)) >= len(first)
-            steps, stopped = self._mill(commanded.part(after), drawn[after])
+            steps, stopped = self._mill(commanded.part(after), drawn[len(first) :])
             done += steps
         self._progress(1.0)
         lowest = float(commanded.bottoms_bed[:done, 2].min())

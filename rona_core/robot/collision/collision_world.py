@@ -135,7 +135,7 @@ class CollisionWorld:
         self._bodies.choose(np.ones(len(self.pairs), dtype=np.bool_))
         for i, q in enumerate(qs):
             found[i] = self._bodies.distances_mm(q)
-        return np.round(found, ROUNDED)
+        return np.round(found, ROUNDED, out=found)
 
     def nearest_mm(self, qs_rad: ArrayLike) -> Floats:
         """Return the distances (n, p) that decide at joint angles (n, 6), infinite for the others.
@@ -156,7 +156,7 @@ class CollisionWorld:
             self._bodies.distances_mm(qs[max(0, start - 1)])  # where the next search starts
             for i, q in enumerate(block, start):
                 found[i, decisive] = self._bodies.distances_mm(q)
-        return np.round(found, ROUNDED)
+        return np.round(found, ROUNDED, out=found)
 
     def _too_close(self, qs: Floats) -> Iterator[bool]:
         """Tell of each of joint angles (n, 6) in turn whether anything comes too close."""

@@ -106,9 +106,7 @@ class _Planner:
         """Return the plan with a constant roll; raise NotReachableError where none is possible."""
         roll_rad = float(np.deg2rad(search.verdicts[index].roll_deg))
         settings, ways = self.settings, dense_ways(self.path)
-        qs = joint_path(
-            path5d_at(self.path, ways), self.model, roll_rad, branch, settings.margin_limits
-        )
+        qs = joint_path(path5d_at(self.path, ways), self.model, roll_rad, branch)
         trajectory = time_cutting(
             self.path, ways, qs, self.model, settings.cutting, clear=self.clear
         )

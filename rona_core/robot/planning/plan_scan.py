@@ -164,14 +164,13 @@ class _MotionPlanner:
     def constant(self, search: RollSearch, index: int, branch: int) -> RobotPlan:
         """Return the plan with a constant roll; raise NotReachableError where none is possible."""
         roll_rad = float(np.deg2rad(search.verdicts[index].roll_deg))
-        margin_limits = self.settings.margin_limits
-        qs = joint_path(search.path, self.model, roll_rad, branch, margin_limits)
+        qs = joint_path(search.path, self.model, roll_rad, branch)
         return self._timed(search.with_constant_roll(index, branch, qs), qs)
 
     def variable(self, evaluation: RollEvaluation, progress: Progress, cancel: Cancel) -> RobotPlan:
         """Return the plan with a varying roll; its mode is ``none`` if there is none."""
         curve, verdict = plan_variable_roll(
-            evaluation.grid,
+            evaluation.grid(cancel=cancel),
             self.settings.cost,
             clear=self.clear,
             standoff_mm=LEAST_STANDOFF_MM,

@@ -12,18 +12,12 @@ import numpy as np
 from rona_core.errors import NotReachableError
 from rona_core.geometry.arrays import Floats
 from rona_core.robot.collision.collision_world import CollisionWorld
-from rona_core.robot.redundancy.constant_roll import (
-    RollEvaluation,
-    constant_roll_curves,
-    constant_roll_margins,
-)
+from rona_core.robot.redundancy.constant_roll import Pair, RollEvaluation
 from rona_core.robot.redundancy.infeasibility import FailureCause, verdict_on
-from rona_core.robot.redundancy.result import RankedRoll
 from rona_core.robot.trajectory.scan_timing import LEAST_STANDOFF_MM, retract_line
 
 EVERY = 4  # path points from one check to the next; the verifier checks all, and in between
 
-Pair = tuple[int, int]  # roll, branch
 Cause = Callable[[], tuple[int, FailureCause]]  # path point and why
 
 
@@ -40,12 +34,12 @@ def remove_blocked_rolls(
         evaluation: The rolls, as the arm alone allows them.
         world: The obstacles; None: only the retraction is checked.
     """
-    last = evaluation.grid.n_points - 1
+    last = len(evaluation.path) - 1
     checked = np.unique(np.append(np.arange(0, last + 1, EVERY), last))
     clear = None if world is None else world.clear
     refused: dict[Pair, Cause] = {}
     for pair in evaluation.ranked:
-        curve = _curve(evaluation, pair)
+        curve = evaluation.rolls.on_branch(pair.index, pair.branch).qs_rad.T
         hit = -1 if world is None else world.first_hit(curve[checked])
         if world is not None and hit >= 0:
             place = int(checked[hit])
@@ -56,7 +50,7 @@ def remove_blocked_rolls(
             continue
         for end in (0, last):
             try:
-                retract_line(evaluation.grid.model, curve[end], LEAST_STANDOFF_MM, clear)
+                retract_line(evaluation.model, curve[end], LEAST_STANDOFF_MM, clear)
             except NotReachableError as error:
                 refused[pair.index, pair.branch] = lambda end=end, e=error: (end, no_way(str(e)))
                 break
@@ -69,7 +63,7 @@ def remove_rolls(evaluation: RollEvaluation, refused: Mapping[Pair, Cause]) -> R
     A roll goes over to its next best branch; where it has none left, its verdict gives the cause
     that refused the best.
     """
-    rolls, n = evaluation.rolls, evaluation.grid.n_points
+    rolls, n = evaluation.rolls, len(evaluation.path)
     verdicts = list(evaluation.verdicts)
     ranked = tuple(p for p in evaluation.ranked if (p.index, p.branch) not in refused)
     qs, margins, branches = rolls.qs_rad.copy(), rolls.margins.copy(), rolls.branches.copy()
@@ -81,8 +75,8 @@ def remove_rolls(evaluation: RollEvaluation, refused: Mapping[Pair, Cause]) -> R
             branch, margin = verdict.branch, verdict.margin
             verdicts[i] = verdict_on(verdict.roll_deg, branch, margin, place, n, cause)
         elif kept.branch != verdict.branch:
-            margins[i] = constant_roll_margins(evaluation.grid, kept.branch)[i]
-            branches[i], qs[:, i] = kept.branch, _curve(evaluation, kept).T
+            followed = rolls.on_branch(i, kept.branch)
+            branches[i], qs[:, i], margins[i] = kept.branch, followed.qs_rad, followed.margins
             worst = int(np.argmin(margins[i]))
             verdicts[i] = verdict_on(verdict.roll_deg, kept.branch, kept.margin, worst, n)
     return replace(
@@ -96,12 +90,6 @@ def remove_rolls(evaluation: RollEvaluation, refused: Mapping[Pair, Cause]) -> R
 def no_way(words: str) -> FailureCause:
     """Return the failure cause of a missing way to the path or back, in words."""
     return FailureCause("no way", 0, 0.0, 0.0, "", words)
-
-
-def _curve(evaluation: RollEvaluation, pair: RankedRoll) -> Floats:
-    """Return the joints (n, 6) along the path with one roll on one branch."""
-    roll, branch = np.array([pair.index]), np.array([pair.branch])
-    return constant_roll_curves(evaluation.grid, roll, branch)[:, 0].T
 
 
 def _collision(q_rad: Floats, world: CollisionWorld) -> FailureCause:

@@ -4,7 +4,8 @@ Each roll is followed along the whole path on each branch of the arm: reach, sin
 limits, discontinuities (RONA, Section III.D and Figure 8).
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,11 +19,14 @@ from rona_core.robot.redundancy.infeasibility import find_failure_cause, verdict
 from rona_core.robot.redundancy.margins import (
     EVEN_DIGITS,
     MarginLimits,
+    flange_parts,
     flange_poses,
     joint_limit_margin,
 )
 from rona_core.robot.redundancy.result import Choice, RankedRoll, RollSearch, RollVerdict
-from rona_core.robot.redundancy.roll_grid import RollGrid, solve_roll_grid
+from rona_core.robot.redundancy.roll_grid import RollGrid, roll_groups, solve_roll_grid
+
+Pair = tuple[int, int]  # a roll, and a branch
 
 FULL_TURN_DEG = 360.0
 MAX_SHOWN = 240  # samples of each joint curve that are kept for drawing
@@ -53,6 +57,14 @@ def choose_constant_roll(verdicts: tuple[RollVerdict, ...], choice: Choice) -> i
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class FollowedRoll:
+    """One constant roll on one branch along the path of n points."""
+
+    qs_rad: Floats  # (6, n) continuous, turned so that they fit their limits
+    margins: Floats  # (n,) with those of the steps
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class ConstantRolls:
     """The joint paths and margins of constant rolls; R rolls, n path points."""
 
@@ -61,20 +73,59 @@ class ConstantRolls:
     branches: Ints  # (R,) the branch with the largest margin, or the one that gets furthest
     margins: Floats  # (R, n) of that branch, with those of the steps
     qs_rad: Floats  # (6, R, n) that branch, continuous, turned so that it fits its limits
+    node_margins: Floats  # (R, n) largest margin of any branch, without those of the steps
+    others: Mapping[Pair, FollowedRoll]  # feasible rolls on their other branches
+
+    def on_branch(self, roll: int, branch: int) -> FollowedRoll:
+        """Return a roll on a branch on which it is feasible, or on the one that it is on."""
+        if branch == self.branches[roll]:
+            return FollowedRoll(self.qs_rad[:, roll], self.margins[roll])
+        return self.others[roll, branch]
 
 
 def follow_constant_rolls(grid: RollGrid) -> ConstantRolls:
     """Follow every roll of a grid on every branch along the whole path."""
     n_branches, count, n = grid.margins.shape
-    margins = np.zeros((n_branches, count, n))
-    for branch in range(n_branches):
-        margins[branch] = constant_roll_margins(grid, branch)
+    margins = np.stack([constant_roll_margins(grid, branch) for branch in range(n_branches)])
     least = margins.min(axis=2)
     first = np.where(least < 0.0, (margins < 0.0).argmax(axis=2), n)
     branches = np.array([best_branch(least[:, i], first[:, i]) for i in range(count)], np.int64)
     rolls = np.arange(count)
-    qs = constant_roll_curves(grid, rolls, branches)
-    return ConstantRolls(least, first, branches, margins[branches, rolls], qs)
+    worse = least >= 0.0
+    worse[branches, rolls] = False
+    on, of = np.nonzero(worse)
+    curves = constant_roll_curves(grid, of, on)
+    others = {
+        (roll, branch): FollowedRoll(curves[:, i], margins[branch, roll])
+        for i, (roll, branch) in enumerate(zip(of.tolist(), on.tolist(), strict=True))
+    }
+    return ConstantRolls(
+        branch_margins=least,
+        first_failures=first,
+        branches=branches,
+        margins=margins[branches, rolls],
+        qs_rad=constant_roll_curves(grid, rolls, branches),
+        node_margins=grid.margins.max(axis=0),
+        others=others,
+    )
+
+
+def _joined(groups: Sequence[ConstantRolls]) -> ConstantRolls:
+    """Return groups of rolls, one after the other, as one."""
+    starts = np.cumsum([0, *(len(group.branches) for group in groups)]).tolist()
+    return ConstantRolls(
+        branch_margins=np.concatenate([group.branch_margins for group in groups], axis=1),
+        first_failures=np.concatenate([group.first_failures for group in groups], axis=1),
+        branches=np.concatenate([group.branches for group in groups]),
+        margins=np.concatenate([group.margins for group in groups]),
+        qs_rad=np.concatenate([group.qs_rad for group in groups], axis=1),
+        node_margins=np.concatenate([group.node_margins for group in groups]),
+        others={
+            (start + roll, branch): followed
+            for start, group in zip(starts[:-1], groups, strict=True)
+            for (roll, branch), followed in group.others.items()
+        },
+    )
 
 
 def constant_roll_curves(grid: RollGrid, rolls: Ints, branches: Ints) -> Floats:
@@ -142,16 +193,29 @@ def best_branch(margins: Floats, first: Ints) -> int:
 class RollEvaluation:
     """Everything known of constant rolls on one path; working memory of a search, never stored."""
 
-    grid: RollGrid
+    path: Path5D  # n dense points, in ``base``
+    model: RobotModel
+    margin_limits: MarginLimits
+    rolls_rad: Floats  # (R,) ascending, evenly spaced
     rolls: ConstantRolls
     verdicts: tuple[RollVerdict, ...]
     ranked: tuple[RankedRoll, ...]  # feasible rolls and branches, largest margin first
 
+    def grid(self, *, cancel: Cancel = never) -> RollGrid:
+        """Return the postures of every roll on every branch, solved anew: they take much memory.
+
+        Raises:
+            CancelledError: somebody cancelled.
+        """
+        return solve_roll_grid(
+            self.path, self.model, self.rolls_rad, self.margin_limits, cancel=cancel
+        )
+
     def search(self, varying: RollVerdict | None = None) -> RollSearch:
         """Return the search with every verdict, that on a varying roll too, and no roll chosen."""
-        grid, rolls = self.grid, self.rolls
-        shown = np.unique(np.round(np.linspace(0, grid.n_points - 1, MAX_SHOWN)).astype(np.int64))
-        nodes = np.minimum.reduceat(grid.margins.max(axis=0), shown, axis=1).T
+        rolls, n = self.rolls, len(self.path)
+        shown = np.unique(np.round(np.linspace(0, n - 1, MAX_SHOWN)).astype(np.int64))
+        nodes = np.minimum.reduceat(rolls.node_margins, shown, axis=1).T
         return RollSearch(
             mode="none",
             verdicts=self.verdicts,
@@ -159,8 +223,8 @@ class RollEvaluation:
             varying=varying,
             chosen=-1,
             branch=-1,
-            rolls_rad=readonly(np.zeros(grid.n_points)),
-            path=grid.path,
+            rolls_rad=readonly(np.zeros(n)),
+            path=self.path,
             shown_points=readonly(shown),
             curves_rad=readonly(rolls.qs_rad[:, :, shown].transpose(1, 2, 0).astype(np.float32)),
             room=readonly(np.minimum.reduceat(rolls.margins, shown, axis=1).astype(np.float32)),
@@ -180,26 +244,33 @@ def evaluate_constant_rolls(
 ) -> RollEvaluation:
     """Evaluate constant rolls (R,) in degrees, ascending and evenly spaced, on every branch.
 
+    The postures of a group of rolls at a time are held: of all they take some 100 MB on a long
+    path.
+
     Raises:
         DegenerateGeometryError: neighbouring axes of the path are opposite.
         CancelledError: somebody cancelled.
     """
     rolls_rad = np.deg2rad(rolls_deg)
-    grid = solve_roll_grid(path, model, rolls_rad, margin_limits, progress=progress, cancel=cancel)
-    rolls = follow_constant_rolls(grid)
+    groups = [
+        follow_constant_rolls(solve_roll_grid(path, model, rolls_rad[group], margin_limits))
+        for group in roll_groups(len(rolls_rad), len(path), progress, cancel)
+    ]
+    rolls = _joined(groups)
     pairs = np.argwhere(rolls.branch_margins.T >= 0.0).tolist()
     ranked = [RankedRoll(i, branch, float(rolls.branch_margins[branch, i])) for i, branch in pairs]
     ranked.sort(key=lambda pair: -round(pair.margin, EVEN_DIGITS))
-    return RollEvaluation(grid, rolls, _verdicts(rolls_deg, grid, rolls), tuple(ranked))
+    unjudged = RollEvaluation(path, model, margin_limits, rolls_rad, rolls, (), tuple(ranked))
+    return replace(unjudged, verdicts=_verdicts(unjudged, rolls_deg))
 
 
-def _verdicts(rolls_deg: Floats, grid: RollGrid, rolls: ConstantRolls) -> tuple[RollVerdict, ...]:
+def _verdicts(evaluation: RollEvaluation, rolls_deg: Floats) -> tuple[RollVerdict, ...]:
     """Return a verdict on each roll (R,) on its best branch."""
-    n, numbers, branches = grid.n_points, np.arange(len(rolls_deg)), rolls.branches
+    rolls, model = evaluation.rolls, evaluation.model
+    n, numbers, branches = len(evaluation.path), np.arange(len(rolls_deg)), rolls.branches
     first = rolls.first_failures[branches, numbers]
-    failing_points = np.minimum(first, n - 1)
-    parts = grid.flange_parts[:, failing_points]
-    solutions = grid.model.inverse(flange_poses(parts, np.deg2rad(rolls_deg)))
+    parts = flange_parts(evaluation.path, model)[:, np.minimum(first, n - 1)]
+    solutions = model.inverse(flange_poses(parts, evaluation.rolls_rad))
     tightest = np.argmin(np.round(rolls.margins, EVEN_DIGITS), axis=1)
     verdicts: list[RollVerdict] = []
     for i in numbers.tolist():
@@ -208,7 +279,9 @@ def _verdicts(rolls_deg: Floats, grid: RollGrid, rolls: ConstantRolls) -> tuple[
             index = int(first[i])
             q = rolls.qs_rad[:, i, index]
             step = q - rolls.qs_rad[:, i, max(0, index - 1)]
-            cause = find_failure_cause(solutions, (i, branch), q, step, grid)
+            cause = find_failure_cause(
+                solutions, (i, branch), q, step, model.limits, evaluation.margin_limits
+            )
         margin = float(rolls.branch_margins[branch, i])
         verdicts.append(verdict_on(float(rolls_deg[i]), branch, margin, index, n, cause))
     return tuple(verdicts)

@@ -70,7 +70,12 @@ def verdict_on(
 
 
 def find_failure_cause(
-    solutions: IkSolutions, place: tuple[int, int], q_rad: Floats, step_rad: Floats, grid: RollGrid
+    solutions: IkSolutions,
+    place: tuple[int, int],
+    q_rad: Floats,
+    step_rad: Floats,
+    limits: JointLimits,
+    margin_limits: MarginLimits,
 ) -> FailureCause:
     """Find why a posture fails: reach, then singularities, then limits, then a jump.
 
@@ -79,16 +84,17 @@ def find_failure_cause(
         place: Its pose and its branch among these.
         q_rad: Its continuous joint angles (6,).
         step_rad: The step (6,) from the path point before.
-        grid: What is allowed.
+        limits: Of the joints.
+        margin_limits: What else is allowed.
     """
     if not solutions.valid[place]:
         return _reach(float(solutions.reaches_mm[place]))
     elbow, wrist = float(solutions.sin_elbows[place]), float(solutions.sin_wrist[place])
     out_mm = float(solutions.wrist_distance_mm[place[0]])
     return (
-        _singularity(elbow, wrist, out_mm, grid.margin_limits)
-        or _limit(q_rad, grid.model.limits)
-        or _jump(step_rad, grid.margin_limits)
+        _singularity(elbow, wrist, out_mm, margin_limits)
+        or _limit(q_rad, limits)
+        or _jump(step_rad, margin_limits)
     )
 
 
@@ -170,7 +176,7 @@ def _out_of_turns(spun: RollCurve, grid: RollGrid) -> RollVerdict:
     margin = float(clearance.min()) / margin_limits.limit_unit_rad
     roll_deg = float(np.rad2deg(spun.rolls_rad[index]))
     cause = find_failure_cause(
-        solutions, (index, spun.branch), spun.qs_rad[index], steps[index], grid
+        solutions, (index, spun.branch), spun.qs_rad[index], steps[index], limits, margin_limits
     )
     return _failing(roll_deg, spun.branch, margin, index, grid.n_points, cause)
 
@@ -199,7 +205,9 @@ def _stopped(problem: RollProblem, found: BlockedPath) -> RollVerdict:
         turns = np.where(grid.turning, np.round((middle - q) / TURN_RAD), 0.0)
         q = q + TURN_RAD * turns  # as near the middle of the limits as can be
         margin = float(margins[branch, roll])
-        cause = find_failure_cause(solutions, (index, branch), q, np.zeros(6), grid)
+        cause = find_failure_cause(
+            solutions, (index, branch), q, np.zeros(6), grid.model.limits, grid.margin_limits
+        )
     return _failing(roll_deg, branch, min(margin, -SLIGHT), index, grid.n_points, cause)
 
 

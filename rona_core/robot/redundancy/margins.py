@@ -63,18 +63,21 @@ class JointMargins:
 
 
 def compute_margins(
-    model: RobotModel, Ts_base_flange: Poses, margin_limits: MarginLimits
+    model: RobotModel,
+    Ts_base_flange: Poses,
+    margin_limits: MarginLimits,
+    branches: slice = slice(None),
 ) -> JointMargins:
-    """Compute the margins of every branch along a sequence of flange poses."""
+    """Compute the margins of branches, by default of all eight, along flange poses."""
     solutions = model.inverse(Ts_base_flange)
-    qs = continuous_branches(solutions.qs_rad, model.limits)
+    qs = continuous_branches(solutions.qs_rad[:, branches], model.limits)
     steps = np.abs(np.diff(qs, axis=0)).max(axis=2, initial=0.0)
     jump = np.full(qs.shape[:2], margin_limits.step_rad / margin_limits.step_unit_rad)
     jump[1:] = (margin_limits.step_rad - steps) / margin_limits.step_unit_rad
     return JointMargins(
         qs_rad=qs,
-        reach=reach_margin(solutions, margin_limits),
-        singularity=singularity_margin(solutions, margin_limits),
+        reach=reach_margin(solutions, margin_limits)[:, branches],
+        singularity=singularity_margin(solutions, margin_limits)[:, branches],
         limit=model.limits.clearance_rad(qs).min(axis=2) / margin_limits.limit_unit_rad,
         jump=jump,
     )
@@ -175,13 +178,7 @@ class BranchMargins:
     limit_deg: Floats  # (n,) of the joint that is nearest to a limit
 
 
-def joint_path(
-    path: Path5D,
-    model: RobotModel,
-    rolls_rad: ArrayLike,
-    branch: int,
-    margin_limits: MarginLimits | None = None,
-) -> Floats:
+def joint_path(path: Path5D, model: RobotModel, rolls_rad: ArrayLike, branch: int) -> Floats:
     """Return joint angles (n, 6) along the path for one branch, continuous.
 
     Args:
@@ -189,10 +186,10 @@ def joint_path(
         model: The robot with its tool.
         rolls_rad: One roll, or one at each path point (n,).
         branch: Index into ``kinematics.arm.BRANCHES``.
-        margin_limits: What is allowed.
     """
-    margins = _margins(path, model, rolls_rad, margin_limits)
-    return readonly(margins.qs_rad[:, branch].copy())
+    solutions = model.inverse(_poses_on(path, model, rolls_rad))
+    only = solutions.qs_rad[:, branch : branch + 1]
+    return readonly(continuous_branches(only, model.limits)[:, 0])
 
 
 def branch_margins(
@@ -202,20 +199,18 @@ def branch_margins(
     branch: int,
     margin_limits: MarginLimits | None = None,
 ) -> BranchMargins:
-    """Return the margins of the ``joint_path`` with the same arguments."""
-    margins = _margins(path, model, rolls_rad, margin_limits)
-    qs = margins.qs_rad[:, branch]
+    """Return the margins of the ``joint_path`` with the same arguments, against what is allowed."""
+    poses, only = _poses_on(path, model, rolls_rad), slice(branch, branch + 1)
+    margins = compute_margins(model, poses, margin_limits or MarginLimits(), only)
+    qs = margins.qs_rad[:, 0]
     return BranchMargins(
         qs_rad=readonly(qs.copy()),
-        least=readonly(margins.least()[:, branch].copy()),
-        singularity=readonly(margins.singularity[:, branch].copy()),
+        least=readonly(margins.least()[:, 0].copy()),
+        singularity=readonly(margins.singularity[:, 0].copy()),
         limit_deg=readonly(np.rad2deg(model.limits.clearance_rad(qs).min(axis=1))),
     )
 
 
-def _margins(
-    path: Path5D, model: RobotModel, rolls_rad: ArrayLike, margin_limits: MarginLimits | None
-) -> JointMargins:
+def _poses_on(path: Path5D, model: RobotModel, rolls_rad: ArrayLike) -> Poses:
     rolls = np.broadcast_to(np.asarray(rolls_rad, dtype=np.float64), (len(path),))
-    poses = flange_poses(flange_parts(path, model), rolls)
-    return compute_margins(model, poses, margin_limits or MarginLimits())
+    return flange_poses(flange_parts(path, model), rolls)

@@ -5,6 +5,7 @@ the full turns that a joint may make. Arrays are contiguous along the path, whic
 searches read them. See docs/algorithms/robot/roll_search.md.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -126,11 +127,7 @@ def solve_roll_grid(
     parts = flange_parts(path, model)
     qs = np.zeros((N_BRANCHES, 6, count, n))
     margins, singularity = np.zeros((2, N_BRANCHES, count, n))
-    at_once = max(1, GROUP // n)
-    for start in range(0, count, at_once):
-        if cancel():
-            raise CancelledError(f"the roll search was cancelled after {start} of {count} rolls")
-        group = slice(start, min(start + at_once, count))
+    for group in roll_groups(count, n, progress, cancel):
         solutions = model.inverse(every_flange_pose(parts, rolls_rad[group]))
         shape = (N_BRANCHES, -1, n)
         qs[:, :, group] = solutions.qs_rad.transpose(1, 2, 0).reshape(N_BRANCHES, 6, -1, n)
@@ -143,7 +140,6 @@ def solve_roll_grid(
         for branch in range(N_BRANCHES):
             limit = limit_margin(qs[branch, :, group], model.limits, turning, margin_limits)
             np.minimum(margins[branch, group], limit, out=margins[branch, group])
-        progress(group.stop / count)
     span = float(rolls_rad[-1] - rolls_rad[0]) * count / max(1, count - 1)
     return RollGrid(
         path=path,
@@ -157,6 +153,27 @@ def solve_roll_grid(
         singularity=singularity,
         turning=turning,
     )
+
+
+def roll_groups(count: int, n: int, progress: Progress, cancel: Cancel) -> Iterator[slice]:
+    """Yield the groups in which rolls are worked on.
+
+    Args:
+        count: Number of rolls.
+        n: Number of path points.
+        progress: Told the share that is done.
+        cancel: Asked between groups.
+
+    Raises:
+        CancelledError: somebody cancelled.
+    """
+    at_once = max(1, GROUP // n)
+    for start in range(0, count, at_once):
+        if cancel():
+            raise CancelledError(f"the roll search was cancelled after {start} of {count} rolls")
+        stop = min(start + at_once, count)
+        yield slice(start, stop)
+        progress(stop / count)
 
 
 def every_flange_pose(parts: Floats, rolls_rad: Floats) -> Poses:

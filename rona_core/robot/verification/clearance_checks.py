@@ -34,7 +34,7 @@ def _distances(world: CollisionWorld, dense: DenseMotion) -> tuple[Floats, Float
     """Return distances (k, p) of what is nearest where it was looked at, and the sample numbers."""
     qs, numbers = dense.qs_rad[::DENSITY], dense.numbers[::DENSITY]
     found = world.nearest_mm(qs)
-    room = (found - world.least_mm).min(axis=1)
+    room = _room_mm(world, found)
     looked, at = [found], [numbers]
     ends = [(qs[:-1], qs[1:]), (room[:-1], room[1:]), (numbers[:-1], numbers[1:])]
     for _ in range(HALVINGS):
@@ -45,7 +45,7 @@ def _distances(world: CollisionWorld, dense: DenseMotion) -> tuple[Floats, Float
             break
         q_mid, middle = 0.5 * (q_from + q_to)[near], 0.5 * (first + last)[near]
         found = world.nearest_mm(q_mid)
-        room_mid = (found - world.least_mm).min(axis=1)
+        room_mid = _room_mm(world, found)
         looked.append(found)
         at.append(middle)
         ends = [
@@ -53,6 +53,14 @@ def _distances(world: CollisionWorld, dense: DenseMotion) -> tuple[Floats, Float
             for (low, high), mid in zip(ends, (q_mid, room_mid, middle), strict=True)
         ]
     return np.concatenate(looked), np.concatenate(at)
+
+
+def _room_mm(world: CollisionWorld, distances: Floats) -> Floats:
+    """Return the least distance (k,) beyond what is demanded, of distances (k, p)."""
+    room = np.full(len(distances), np.inf)
+    for of_pair, least in zip(distances.T, world.least_mm, strict=True):  # a difference is large
+        np.minimum(room, of_pair - least, out=room)
+    return room
 
 
 def judged(
@@ -69,21 +77,21 @@ def judged(
         ):
             if len(columns):  # else out of reach, or not to be touched
                 checks.append(_worst(f"{words} {group}", world, columns, distances, numbers))
-    counted = world.least_mm >= 0.0
-    least = float(distances[:, counted].min()) if counted.any() else None
-    return checks, least
+    counted = np.flatnonzero(world.least_mm >= 0.0).tolist()
+    return checks, min((float(distances[:, pair].min()) for pair in counted), default=None)
 
 
 def _worst(
     name: str, world: CollisionWorld, columns: Ints, distances: Floats, numbers: Floats
 ) -> Check:
     """Return the check of the pair, of those in some columns, that is closest."""
-    room = distances[:, columns] - world.least_mm[columns]
-    row, column = np.unravel_index(int(room.argmin()), room.shape)
-    pair = world.pairs[int(columns[column])]
+    rows = [int(distances[:, column].argmin()) for column in columns]  # a part of it is large
+    rooms = distances[rows, columns] - world.least_mm[columns]
+    row, column = min(zip(rooms, rows, columns, strict=True))[1:]
+    pair = world.pairs[int(column)]
     return check(
         name,
-        distances[row, columns[column]][None],
+        distances[row, column][None],
         pair.least_mm,
         "mm",
         least=True,

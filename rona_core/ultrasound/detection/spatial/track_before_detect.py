@@ -110,10 +110,13 @@ def candidate_probabilities(
 
 
 def _bells(depth_mm: Floats, grid_mm: Floats) -> Floats:
-    gap = (depth_mm[:, :, None] - grid_mm[None, None, :]) / PLACED_SD_MM
-    bell = np.exp(-0.5 * gap**2)
-    norm = PLACED_SD_MM * np.sqrt(2.0 * np.pi) / STEP_MM / len(grid_mm)
-    return bell / norm
+    bells: Floats = depth_mm[:, :, None] - grid_mm[None, None, :]
+    bells /= PLACED_SD_MM
+    np.square(bells, out=bells)  # in place: they are the largest array of the detection
+    bells *= -0.5
+    np.exp(bells, out=bells)
+    bells /= PLACED_SD_MM * np.sqrt(2.0 * np.pi) / STEP_MM / len(grid_mm)
+    return bells
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -51,7 +51,7 @@ def test_where_everything_touches_no_roll_is_left_and_each_says_so(evaluation):
         assert new.reason == ("blocked" if old.feasible else old.reason)
         if old.feasible:
             assert "mm are needed" in new.sentence
-            assert 0 <= new.index < len(evaluation.grid.path)
+            assert 0 <= new.index < len(evaluation.path)
 
 
 def test_a_roll_keeps_the_best_branch_that_touches_nothing(evaluation):
@@ -65,22 +65,20 @@ def test_a_roll_keeps_the_best_branch_that_touches_nothing(evaluation):
             continue
         roll_rad = np.deg2rad(verdict.roll_deg)
         curve = joint_path(
-            evaluation.grid.path,
-            evaluation.grid.model,
+            evaluation.path,
+            evaluation.model,
             roll_rad,
             verdict.branch,
-            evaluation.grid.margin_limits,
         )
         np.testing.assert_allclose(after.rolls.qs_rad[:, i].T, curve, atol=1e-9)
         assert wall.clear(curve[::4]).all()
         better = [p for p in evaluation.ranked if p.index == i and p.margin > verdict.margin + 1e-9]
         for pair in better:
             other = joint_path(
-                evaluation.grid.path,
-                evaluation.grid.model,
+                evaluation.path,
+                evaluation.model,
                 roll_rad,
                 pair.branch,
-                evaluation.grid.margin_limits,
             )
             assert not wall.clear(other).all()
         assert after.rolls.branches[i] == verdict.branch
@@ -96,7 +94,7 @@ class Ceiling(Wall):
 
     def __init__(self, evaluation, room_mm):
         super().__init__(None)
-        path, model = evaluation.grid.path, evaluation.grid.model
+        path, model = evaluation.path, evaluation.model
         end, axis = path.points_base[-1], path.axes_base[-1]
 
         def passes(q):
@@ -107,7 +105,7 @@ class Ceiling(Wall):
 
 
 def test_a_roll_from_which_the_probe_cannot_be_drawn_back_is_not_offered(evaluation):
-    last = len(evaluation.grid.path) - 1
+    last = len(evaluation.path) - 1
     after = remove_blocked_rolls(evaluation, Ceiling(evaluation, 3.5))
     assert not after.ranked
     for old, new in zip(evaluation.verdicts, after.verdicts, strict=True):
@@ -142,9 +140,7 @@ def test_without_anything_around_only_the_drawing_back_counts():
     lost = {(p.index, p.branch) for p in rolls.ranked} - {(p.index, p.branch) for p in after.ranked}
     for index, branch in lost:
         roll_rad = np.deg2rad(rolls.verdicts[index].roll_deg)
-        ends = joint_path(rolls.grid.path, model, roll_rad, branch, rolls.grid.margin_limits)[
-            [0, -1]
-        ]
+        ends = joint_path(rolls.path, model, roll_rad, branch)[[0, -1]]
         probes = model.forward(ends) @ model.T_flange_probe
         back = Poses(probes.rotations, probes.translations - 5.0 * probes.rotations[:, :, 2])
         solved = model.inverse(back @ model.T_flange_probe.inv())

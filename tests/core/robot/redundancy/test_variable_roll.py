@@ -224,7 +224,7 @@ def test_full_turns_are_counted_where_the_range_runs_out(monkeypatch, tilt_deg, 
 def scene(request):
     path = scene_path(request.param)
     evaluation = evaluate_constant_rolls(path, RX90, np.rad2deg(ROLLS), RULES)
-    return request.param, path, evaluation, plan_variable_roll(evaluation.grid, COST)
+    return request.param, path, evaluation, plan_variable_roll(evaluation.grid(), COST)
 
 
 def test_scenes_are_solved_or_refused_with_a_reason(scene):
@@ -232,7 +232,7 @@ def test_scenes_are_solved_or_refused_with_a_reason(scene):
     assert (curve is not None) == SCENES[name].variable == verdict.feasible
     if curve is not None:
         assert_allowed(curve, path, RX90)
-        assert verdict.margin == pytest.approx(curve_margins(curve, evaluation.grid).min())
+        assert verdict.margin == pytest.approx(curve_margins(curve, evaluation.grid()).min())
         assert verdict.margin >= 0.0
         return
     furthest = max(evaluation.verdicts, key=lambda v: v.index)
@@ -249,11 +249,11 @@ def test_a_varying_roll_never_costs_more_than_any_constant_one(scene):
     if curve is None:
         assert constant is None
         return
-    found = optimal_roll(RollProblem(evaluation.grid, COST))
+    found = optimal_roll(RollProblem(evaluation.grid(), COST))
     assert curve.cost.total <= found.cost.total
     if constant is not None:
         assert found.cost.total <= constant.cost.total + 1e-9
-    again = refine_roll(RollProblem(evaluation.grid, COST), curve)
+    again = refine_roll(RollProblem(evaluation.grid(), COST), curve)
     assert again.cost.total <= curve.cost.total
 
 
@@ -286,7 +286,7 @@ def test_refining_spreads_the_roll_evenly():
 def test_blocked_postures_are_not_used_and_the_optimum_goes_round_them():
     path = part(scene_path("S0"), 0, 200)
     evaluation = evaluate_constant_rolls(path, RX90, np.rad2deg(ROLLS), RULES)
-    grid = evaluation.grid
+    grid = evaluation.grid()
     free, _ = plan_variable_roll(grid, COST)
     blocked = np.zeros((len(path), 72, 8), dtype=bool)
     bins = np.round(free.rolls_rad[80:120] / np.deg2rad(5.0)).astype(int)
@@ -315,7 +315,7 @@ def test_a_varying_roll_goes_round_what_the_arm_would_touch():
     """An obstacle in joint space: joints 4 and 6 must keep away from where they would be."""
     path = part(scene_path("S0"), 0, 300)
     evaluation = evaluate_constant_rolls(path, RX90, np.rad2deg(ROLLS), RULES)
-    free, _ = plan_variable_roll(evaluation.grid, COST)
+    free, _ = plan_variable_roll(evaluation.grid(), COST)
     place, asked = free.qs_rad[150], []
 
     def clear(qs_rad):
@@ -323,13 +323,13 @@ def test_a_varying_roll_goes_round_what_the_arm_would_touch():
         return np.abs(qs_rad[:, [3, 5]] - place[[3, 5]]).max(axis=1) > 0.12
 
     assert not clear(free.qs_rad).all()
-    round_it, verdict = plan_variable_roll(evaluation.grid, COST, clear=clear)
+    round_it, verdict = plan_variable_roll(evaluation.grid(), COST, clear=clear)
     assert verdict.feasible
     assert clear(round_it.qs_rad).all()
     assert_allowed(round_it, path, RX90)
     assert sum(asked) < 40_000  # not every posture of the path was looked at
     none, verdict = plan_variable_roll(
-        evaluation.grid, COST, clear=lambda qs: np.zeros(len(qs), dtype=bool)
+        evaluation.grid(), COST, clear=lambda qs: np.zeros(len(qs), dtype=bool)
     )
     assert none is None
     assert verdict.reason == "blocked"
@@ -338,15 +338,15 @@ def test_a_varying_roll_goes_round_what_the_arm_would_touch():
 def test_ends_from_which_the_probe_cannot_be_drawn_back_are_left_out():
     path = dense_path("S3", lines=5)
     evaluation = evaluate_constant_rolls(path, RX90, np.rad2deg(ROLLS), RULES)
-    stuck = blocked_retracts(evaluation.grid, 5.0)
+    stuck = blocked_retracts(evaluation.grid(), 5.0)
     assert stuck.any()
     assert not stuck.all()
-    roll, branch = np.argwhere(~stuck[1] & (evaluation.grid.margins[:, :, -1].T >= 0.0))[0]
+    roll, branch = np.argwhere(~stuck[1] & (evaluation.grid().margins[:, :, -1].T >= 0.0))[0]
     T_base_probe = path.Ts_base_probe(ROLLS[roll])[len(path) - 1]
     back = Poses.stack([T_base_probe @ Pose.from_translation((0.0, 0.0, -5.0))])
     q = RX90.inverse(back @ RX90.T_flange_probe.inv()).qs_rad[0, branch]
     assert RX90.limits.clearance_rad(q).min() >= 0.0
-    curve, _ = plan_variable_roll(evaluation.grid, COST, standoff_mm=5.0)
+    curve, _ = plan_variable_roll(evaluation.grid(), COST, standoff_mm=5.0)
     bins = np.round(curve.rolls_rad[[0, -1]] / np.deg2rad(5.0)).astype(int) % 72
     assert not stuck[[0, 1], bins, curve.branch].any()
 
@@ -355,9 +355,9 @@ def test_the_roll_keeps_its_rate_and_says_so_where_that_is_not_enough():
     path = scene_path("S4")
     slow = replace(COST, roll_deg_per_mm=6.0)
     evaluation = evaluate_constant_rolls(path, RX90, np.rad2deg(ROLLS), RULES)
-    curve, _ = plan_variable_roll(evaluation.grid, slow)
+    curve, _ = plan_variable_roll(evaluation.grid(), slow)
     assert_allowed(curve, path, RX90, RULES, slow)
-    none, verdict = plan_variable_roll(evaluation.grid, replace(COST, roll_deg_per_mm=1.0))
+    none, verdict = plan_variable_roll(evaluation.grid(), replace(COST, roll_deg_per_mm=1.0))
     assert none is None  # bins of 5 degrees cannot be changed at 1 degree per mm
     assert not verdict.feasible
     assert verdict.sentence.startswith("varying roll")
@@ -403,7 +403,7 @@ def test_every_feasible_pair_is_ranked_and_the_map_has_the_room_of_single_postur
 def test_coarse_rolls_get_others_in_between():
     path = dense_path("S4", step_mm=2.0, step_deg=2.0)
     evaluation = evaluate_constant_rolls(path, RX90, working_set_deg(24, 0.0, 360.0), RULES)
-    curve, verdict = plan_variable_roll(evaluation.grid, COST)
+    curve, verdict = plan_variable_roll(evaluation.grid(), COST)
     assert verdict.feasible
     assert_allowed(curve, path, RX90)
 
@@ -411,12 +411,12 @@ def test_coarse_rolls_get_others_in_between():
 def test_part_of_a_turn_has_ends():
     path = part(scene_path("S0"), 0, 100)
     evaluation = evaluate_constant_rolls(path, RX90, working_set_deg(9, 100.0, 140.0), RULES)
-    assert not evaluation.grid.closed
-    curve, _ = plan_variable_roll(evaluation.grid, COST)
+    assert not evaluation.grid().closed
+    curve, _ = plan_variable_roll(evaluation.grid(), COST)
     assert curve.rolls_rad.min() >= np.deg2rad(100.0) - 1e-9
     assert curve.rolls_rad.max() <= np.deg2rad(140.0) + 1e-9
     single = evaluate_constant_rolls(path, RX90, np.array([120.0]), RULES)
-    curve, _ = plan_variable_roll(single.grid, COST)
+    curve, _ = plan_variable_roll(single.grid(), COST)
     np.testing.assert_array_equal(curve.rolls_rad, np.deg2rad(120.0))
 
 
