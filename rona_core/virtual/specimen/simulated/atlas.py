@@ -22,7 +22,7 @@ SCAN_STEP_MM, FACE_STEP_MM = 0.5, 0.6
 FACE_HALF = 1.1  # slightly beyond the edge of a cube's face
 CANDIDATES_PER_CHART = 160  # slopes along each side from which the search for a point starts
 NEWTON_STEPS = 30
-TOLERANCE_MM = 1e-9
+TOLERANCE_MM = 1e-7  # nearer, rounding decides which step is refused
 LEAST_BEND = 1e-3  # smallest curvature of the squared distance, over the size of the metric
 
 
