@@ -31,7 +31,7 @@ from rona_core.robot.kinematics.spherical_wrist import SphericalWristArm
 POSITIONS = 100  # in which parts that may be far from each other are tried
 FAR_MM = 60.0  # parts that stay farther apart are never near
 BLOCK = 32  # places whose distances are bounded by those at the middle one
-STRETCH = 64  # places whose distances are bounded by planes at the middle one
+STRETCH = 256  # places whose distances are bounded by planes at the middle one
 TOGETHER = 512  # places whose link frames are computed at once
 FEW = 8  # places for which that does not pay
 SLACK_MM = 0.01  # more than distances vary with where the search for them starts

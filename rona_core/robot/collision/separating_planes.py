@@ -33,7 +33,7 @@ class SeparatingPlanes:
         corners |= {body.name: (body.vertices, 0.0) for body in bodies}
         ends = [[pair.first for pair in pairs], [pair.second for pair in pairs]]
         self._links: Ints = np.array([[links[name] for name in end] for end in ends], np.int64)
-        self._points = [_padded([corners[name][0] for name in end]) for end in ends]
+        self._corners = [[corners[name][0] for name in end] for end in ends]
         self._rounding_mm = np.array([[corners[name][1] for name in end] for end in ends])
 
     def bounds_mm(
@@ -52,11 +52,13 @@ class SeparatingPlanes:
         # the planes go with the second body: in its frame the normals stay as they are
         own = np.einsum("kji,kj->ki", rotations[len(rotations) // 2, second], normals_base)
         normals = np.einsum("nkij,kj->nki", rotations[:, second], own)
-        turned = np.einsum("nkji,nkj->kni", rotations[:, first], normals)
-        before = (turned @ self._points[0][chosen].transpose(0, 2, 1)).max(axis=2).T
-        behind = (own[:, None] @ self._points[1][chosen].transpose(0, 2, 1)).min(axis=(1, 2))
+        turned = np.einsum("nkji,nkj->kin", rotations[:, first], normals)
+        before, behind = np.zeros((len(chosen), len(rotations))), np.zeros(len(chosen))
+        for row, pair in enumerate(chosen.tolist()):
+            (self._corners[0][pair] @ turned[row]).max(axis=0, out=before[row])
+            behind[row] = (self._corners[1][pair] @ own[row]).min()
         apart = np.einsum("nki,nki->nk", normals, places[:, second] - places[:, first])
-        return apart + behind - before - self._rounding_mm[:, chosen].sum(axis=0)
+        return apart + behind - before.T - self._rounding_mm[:, chosen].sum(axis=0)
 
 
 def _corners(thing: Obstacle) -> tuple[Floats, float]:
@@ -70,9 +72,3 @@ def _corners(thing: Obstacle) -> tuple[Floats, float]:
         return thing.pose @ (signs * np.array(shape.size_mm)), 0.0
     return thing.pose @ shape.vertices, 0.0
 
-
-def _padded(parts: Sequence[Floats]) -> Floats:
-    """Return point sets as one array (p, most, 3); the first point of a set fills it up."""
-    most = max((len(points) for points in parts), default=0)
-    rows = [np.concatenate((p, np.repeat(p[:1], most - len(p), axis=0))) for p in parts]
-    return np.array(rows).reshape(len(parts), most, 3)
