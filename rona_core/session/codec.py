@@ -178,6 +178,9 @@ def _decode_union(data: Any, options: tuple[Any, ...], arrays: Any, where: str) 
         if named is not None and getattr(target, "__name__", None) == named:
             return decode(data, option, arrays, where)
     plain = [o for o in options if o is not type(None) and not dataclasses.is_dataclass(o)]
+    declared = [o for o in plain if OpenType in getattr(o, "__mro__", ())]
+    if declared and named is not None:  # its error tells what to import
+        return decode(data, declared[0], arrays, where)
     for option in plain:
         try:
             return decode(data, option, arrays, where)

@@ -71,4 +71,3 @@ def _corners(thing: Obstacle) -> tuple[Floats, float]:
         signs = np.stack(np.meshgrid(*[(-0.5, 0.5)] * 3), axis=-1).reshape(-1, 3)
         return thing.pose @ (signs * np.array(shape.size_mm)), 0.0
     return thing.pose @ shape.vertices, 0.0
-

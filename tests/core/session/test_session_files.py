@@ -4,6 +4,8 @@ import hashlib
 import io
 import json
 import os
+import subprocess
+import sys
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +21,7 @@ from rona_core.session.captures import PointerCapture
 from rona_core.session.codec import digest
 from rona_core.session.document import Captures, LogEntry, Session
 from rona_core.session.files import load_session, save_session, session_bytes, session_from_bytes
+from rona_ui.resources import demo_session
 
 
 def capture(n: int = 60) -> PointerCapture:
@@ -299,3 +302,16 @@ def test_a_file_that_is_written_quickly_is_larger_and_holds_the_same():
     quick = session_bytes(session, quick=True)
     assert len(quick) > 1.5 * len(session_bytes(session))
     assert session_bytes(session_from_bytes(quick)) == session_bytes(session)
+
+
+def test_a_file_whose_steps_are_not_loaded_says_what_to_import():
+    """In an interpreter of its own: here every step is known."""
+    words = "from rona_core.session import load_session; import sys; load_session(sys.argv[1])"
+    ended = subprocess.run(
+        [sys.executable, "-c", words, demo_session()], capture_output=True, text=True, check=False
+    )
+    assert "`import rona_core.compose` makes them known" in ended.stderr.splitlines()[-1]
+    whole = subprocess.run(
+        [sys.executable, "-c", f"import rona_core.compose; {words}", demo_session()], check=False
+    )
+    assert whole.returncode == 0
