@@ -7,6 +7,7 @@ from rona_core.app.declarations.declarations import Message
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.acoustics.messages import StartCaliperMeasurements
+from rona_core.app.steps.implant.burr.messages import StartBurrCapture
 from rona_core.app.steps.implant.messages import PlanMilling, RehearseMilling, StartBedSearch
 from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
 from rona_core.app.steps.path.messages import StartPathCapture
@@ -43,6 +44,7 @@ PROCEDURE: Messages = (
 WITHOUT_REFERENCES = tuple(step for step in PROCEDURE if step[0] != "references")
 # what may follow
 IMPLANT: Messages = (
+    ("implant", StartBurrCapture()),
     ("implant", StartBedSearch()),
     ("milling", PlanMilling()),
     ("milling", RehearseMilling()),

@@ -110,6 +110,22 @@ class Robot(Protocol):
         """
         ...
 
+    def move_seated(
+        self, times_s: ArrayLike, qs_rad: ArrayLike, seated_s: tuple[float, float]
+    ) -> Motion:
+        """Start a motion as ``move`` does, and yield to a seat that holds the tip meanwhile.
+
+        Args:
+            times_s: Times (n,), counted from now.
+            qs_rad: Joint angles (n, 6).
+            seated_s: From when until when the tip sits in the seat. The arm gives way to it, so
+                that its joint angles are not quite those of the motion.
+
+        Raises:
+            DeviceError: as for ``move``, or no robot here can yield.
+        """
+        ...
+
     def guide(self, times_s: ArrayLike, qs_rad: ArrayLike, travels_mm: ArrayLike) -> GuidedMotion:
         """Start a motion that rests until a correction and a share of speed are commanded.
 

@@ -21,6 +21,7 @@ WORLD_LIMITS: Mapping[str, tuple[float, float]] = {
     "pulse_loss": (0.0, 0.3),
     "mounting_mm": (0.0, 2.0),
     "mounting_deg": (0.0, 5.0),
+    "spindle_mm": (0.0, 2.0),
     "friction": (0.0, 0.5),
     "robot_mm": (0.0, 2.0),
     "tracker_share": (0.0, 2.0),
@@ -52,6 +53,7 @@ class WorldSettings:
     pulse_loss: float | None = None  # share of its centre frequency that an old probe has lost
     mounting_mm: float | None = None  # how far the robot's probe sits off its place
     mounting_deg: float | None = None  # and is turned
+    spindle_mm: float | None = None  # how far the spindle's tip sits off its place
     friction: float | None = None  # coefficient between face and bone
     robot_mm: float | None = None  # 3D RMS of the robot's systematic error
     tracker_share: float | None = None  # error of the tracker over what its maker states

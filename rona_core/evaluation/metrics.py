@@ -22,6 +22,7 @@ from rona_core.evaluation.maps.map_metrics import (
 )
 from rona_core.evaluation.milling.rehearsal_metrics import rehearsal_figures
 from rona_core.evaluation.navigation_metrics import (
+    burr_figures,
     pointer_figures,
     skull_figures,
     surface_figures,
@@ -101,6 +102,8 @@ KEYS = (
     "detection_failure_fraction",
     "unflagged_failure_fraction",
     "flagged_fraction",
+    "burr_tip_error_mm",
+    "burr_tip_sigma_mm",
     "bed_probability",
     "bed_residual_mm",
     "bed_residual_true_mm",
@@ -173,6 +176,8 @@ def _navigation(session: "Session", truth: Truth) -> Figures:
         taken = session.captures.tool
         place = None if taken is None else taken.tracker_place
         figures |= tool_figures(results.tool.value, truth, place)
+    if (burr := results.get("burr")) is not None:
+        figures |= burr_figures(burr.value, truth)
     if results.pointer is not None and not is_imported(session.captures.pointer):
         figures |= pointer_figures(results.pointer.value, truth)
     if results.surface is not None:

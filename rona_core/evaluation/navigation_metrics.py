@@ -13,6 +13,7 @@ from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose
 
 if TYPE_CHECKING:
+    from rona_core.app.steps.implant.burr.registration import BurrRegistration
     from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
     from rona_core.calibration.handheld.pointer import PointerCalibration
     from rona_core.calibration.surface_registration import SurfaceRegistration
@@ -38,6 +39,12 @@ def tool_figures(
             registration.T_base_tracker, T_base_tracker, landmarks
         ),
     }
+
+
+def burr_figures(registration: "BurrRegistration", truth: Truth) -> Figures:
+    """Return the error of the burr's tip in the frame of the drawn one."""
+    off = registration.offset_tip - truth.scene.world.spindle_off_tip
+    return {"burr_tip_error_mm": float(np.linalg.norm(off))}
 
 
 def registration_tre_mm(T_base_tracker: Pose, true: Pose, points_base: Floats) -> float | None:

@@ -245,12 +245,16 @@ def migrate(manifest: dict[str, Any]) -> dict[str, Any]:
     return _completed(manifest)
 
 
+# Fields that values of the present schema have got since: class -> field -> value in older files.
+ADDED_SINCE: dict[str, dict[str, Any]] = {"WorldSettings": {"spindle_mm": None}}  # drawn
+
+
 def _completed(manifest: dict[str, Any]) -> dict[str, Any]:
     """Return a manifest of the present schema with the fields that it has now."""
     session = manifest.get("session")
     if not session:
         return manifest
-    present = _without_fields(_with_fields(session, ADDED_IN_3), GONE_FROM_3)
+    present = _without_fields(_with_fields(session, {**ADDED_IN_3, **ADDED_SINCE}), GONE_FROM_3)
     return {**manifest, "session": with_present_digests(present)}
 
 

@@ -21,6 +21,11 @@ SHAPES: dict[str, dict[str, str]] = {
     },
     "BlockCapture": {"n": "tracks temperatures_c"},
     "BoundaryMap": {"u": "u_mm", "v": "v_mm", "u v": "height_mm ok"},
+    "BurrRegistration": {
+        "3": "offset_tip seat_base",
+        "3 3": "covariance",
+        "n": "residuals_mm used",
+    },
     "CloudFit": {"6": "eigenvalues", "6 6": "covariance"},
     "DelayLine": {"n": "residuals_us"},
     "Detection": {

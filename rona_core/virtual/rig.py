@@ -26,6 +26,7 @@ from rona_core.virtual.robot.contact_depth import ContactDepth
 from rona_core.virtual.robot.force_sensor import VirtualForceSensor
 from rona_core.virtual.robot.joint_errors import JointErrors
 from rona_core.virtual.robot.robot import VirtualRobot
+from rona_core.virtual.robot.seated_motion import Seated, seated_postures
 from rona_core.virtual.robot.taught_landmarks import teach_landmarks
 from rona_core.virtual.scene import VirtualScene
 from rona_core.virtual.tracker.live_tracker import VirtualLiveTracker
@@ -159,7 +160,7 @@ class VirtualRig:
         self.scene = build_scene(seed, specimen, settings, world)
         self.clock = CaptureClock(speed)
         self._model = robot_model(settings.robot.model)
-        self.robot = VirtualRobot(self._model, self.clock)
+        self.robot = VirtualRobot(self._model, self.clock, self._in_seat)
         self.operator = VirtualOperator(self.scene, self.clock)
         self._tools = self._moving_tools(0)
         self._sight = self._lines_of_sight()
@@ -196,7 +197,7 @@ class VirtualRig:
             scene = build_scene(old.seed, old.specimen, settings, old.world)
             if settings.robot.model != self.scene.settings.robot.model:
                 self._model = robot_model(settings.robot.model)
-                self.robot = VirtualRobot(self._model, self.clock)
+                self.robot = VirtualRobot(self._model, self.clock, self._in_seat)
                 self.force = self._force_sensor()
             self.scene = scene
             self._sight = self._lines_of_sight()
@@ -235,6 +236,9 @@ class VirtualRig:
         return VirtualForceSensor(
             self.clock, self._model, lambda time_s: self.robot.q_at(time_s), self._depths_mm
         )
+
+    def _in_seat(self, times_s: Floats, qs_rad: Floats, seated: Seated) -> Floats:
+        return seated_postures(self.scene, self._model, times_s, qs_rad, seated)
 
     def _depths_mm(self, times_s: Floats) -> Floats:
         return self._touch.depths_mm(self.robot.guided, times_s)

@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from rona_core.app.steps.implant.burr.messages import StartBurrCapture
 from rona_core.app.steps.implant.milling_derivation import milling_model
 from rona_core.app.steps.implant.milling_motion import (
     milling_duration_s,
@@ -22,7 +23,7 @@ from rona_core.app.steps.smoothing.path_view import PathView, path_view, preview
 from rona_core.geometry.arrays import Floats
 from rona_core.mapping.boundary_map import Maps
 from rona_core.mapping.comparison.map_errors import MapErrors
-from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.robot.kinematics.catalog import milling_robot, robot_model
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.session.document import Session
 from rona_ui.presentation.camera import STEP_PRESETS
@@ -216,10 +217,16 @@ def shown_milling(snapshot: Snapshot) -> float | None:
 
 
 def shown_robot(snapshot: Snapshot) -> RobotModel:
-    """Return the robot that is drawn, with the spindle in its hand while a milling is replayed."""
+    """Return the robot that is drawn.
+
+    It holds the spindle while a milling is replayed, and while the burr is registered.
+    """
     if shown_milling(snapshot) is not None and snapshot.milling is not None:
         return milling_model(snapshot.session, snapshot.milling)
-    return robot_model(snapshot.session.setup.devices.robot.model)
+    name, job = snapshot.session.setup.devices.robot.model, snapshot.job
+    if job is not None and not job.finished and job.activity == StartBurrCapture.__name__:
+        return milling_robot(name)
+    return robot_model(name)
 
 
 def probe_on_bone(snapshot: Snapshot) -> bool:

@@ -154,6 +154,7 @@ HINTS = {
     "File": "File that the button below opens or downloads",
     "Download maps": "Saves the maps in the chosen format",
     # implant bed
+    "Register burr": "Turns the burr about its tip in a fixed seat, to know where the tip is",
     "Implant": "Implant whose bed is searched",
     "Along u (mm)": "Position of the bed along u of the maps",
     "Along v (mm)": "Position of the bed along v of the maps",

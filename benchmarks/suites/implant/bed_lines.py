@@ -16,6 +16,7 @@ from benchmarks.metric import Metric, Progress
 from benchmarks.suites.accuracy.next_lines import Rows, closer_rows, random_rows
 from rona_core.app.procedure import PROCEDURE
 from rona_core.app.steps.implant.bed_lines import bed_hearing, derive_bed_lines
+from rona_core.app.steps.implant.burr.messages import StartBurrCapture
 from rona_core.app.steps.implant.derivation import derive_search
 from rona_core.app.steps.implant.implant_bed import ImplantBed
 from rona_core.app.steps.implant.messages import StartBedLines, StartBedSearch
@@ -34,7 +35,10 @@ from rona_core.session.document import Derived, Session
 from rona_core.session.files import load_session
 
 SEEDS = range(42_080, 42_086)
-MESSAGES = tuple(step for step in PROCEDURE if step[0] != "second")
+MESSAGES = (
+    *(step for step in PROCEDURE if step[0] != "second"),
+    ("implant", StartBurrCapture()),
+)
 FILES: tuple[Path, ...] = ()  # sessions with virtual devices that count as well
 KINDS = ("best lines", "random lines", "even rows over the map", "even rows over the bed")
 DOUBT = 0.9  # P of each bed before

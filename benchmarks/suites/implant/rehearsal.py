@@ -16,6 +16,7 @@ from benchmarks.metric import Metric, Progress
 from benchmarks.suites.implant.placement import interval
 from benchmarks.suites.implant.rehearsed_beds import Rehearsed, rehearsed
 from rona_core.app.procedure import PROCEDURE
+from rona_core.app.steps.implant.burr.messages import StartBurrCapture
 from rona_core.app.steps.implant.messages import StartBedSearch
 from rona_core.compose import run_demo
 from rona_core.geometry.arrays import Floats
@@ -26,7 +27,7 @@ from rona_core.session.files import load_session
 SEEDS = range(39_024, 39_048)
 FILES: tuple[Path, ...] = ()  # sessions with virtual devices and a bed that count as well
 DEEP_BEDS = 9  # of each patient
-MESSAGES = (*PROCEDURE, ("implant", StartBedSearch()))
+MESSAGES = (*PROCEDURE, ("implant", StartBurrCapture()), ("implant", StartBedSearch()))
 PLAIN_MM = 0.3  # past the inner boundary: a breakthrough that has to be felt
 LATE_MM = 0.5  # past it: too late
 SPARE_MM = 0.3  # of bone below a burr that was stopped: for nothing

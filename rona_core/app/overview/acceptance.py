@@ -56,7 +56,11 @@ class Judgement:
     missed: tuple[QualityRow, ...]  # the worst first
 
 
-CALIBRATED = {"tool_tip_sigma_mm": "tool", "pointer_tip_sigma_mm": "pointer"}
+CALIBRATED = {
+    "tool_tip_sigma_mm": "tool",
+    "pointer_tip_sigma_mm": "pointer",
+    "burr_tip_sigma_mm": "burr",
+}
 OWN_WORD: dict[str, Verdict] = {"good": "pass", "weak": "review", "bad": "fail"}
 WORST_FIRST: tuple[Verdict, ...] = ("fail", "review", "pass", "none")
 CONTRADICTED = "the caliper contradicts the echoes, so the inner map may be of another boundary"
@@ -91,6 +95,8 @@ def _known_at_once(session: Session) -> dict[str, float]:
         known["tool_tip_sigma_mm"] = results.tool.value.tip_sigma_mm
     if results.pointer is not None:
         known["pointer_tip_sigma_mm"] = results.pointer.value.tip_sigma_mm
+    if (burr := results.get("burr")) is not None:
+        known["burr_tip_sigma_mm"] = burr.value.tip_sigma_mm
     if results.smoothing is not None:
         known["path_deviation_max_mm"] = float(results.smoothing.value.from_filtered_mm.max())
     return known

@@ -104,6 +104,8 @@ FIGURES: dict[str, FigureKind] = {
         "Wrong inner boundary, unflagged", "detection", "", 2, 0.02
     ),
     "flagged_fraction": FigureKind("Flagged A-scans", "detection", "", 2),
+    "burr_tip_error_mm": FigureKind("Burr tip error", "burr", "mm", 2, 0.5),
+    "burr_tip_sigma_mm": FigureKind("Burr tip, expected error", "burr", "mm", 2, 0.4),
     "bed_probability": FigureKind("Implant bed, probability", "bed", "", 3),
     "bed_residual_mm": FigureKind("Bone below the bed, by the maps", "bed", "mm", 2),
     "bed_residual_true_mm": FigureKind("Bone below the bed, true", "bed", "mm", 2),

@@ -189,6 +189,7 @@ def predicted_figures(session: Session) -> dict[str, float | None]:
         "skull_registration_sigma_mm": predict_skull_mm(session),
         "thickness_sigma_predicted_mm": None if thickness is None else thickness.total_mm,
         **_landmark_figures(session),
+        **_burr_figures(session),
         **head_figures(session),
     }
 
@@ -199,6 +200,11 @@ def _landmark_figures(session: Session) -> dict[str, float]:
         return {}
     check: LandmarkCheck = held.value
     return {"landmark_distance_mm": check.rms_mm, "landmark_sigma_mm": check.expected_rms_mm}
+
+
+def _burr_figures(session: Session) -> dict[str, float]:
+    held = session.results.get("burr")
+    return {} if held is None else {"burr_tip_sigma_mm": held.value.tip_sigma_mm}
 
 
 def frames_averaged(strokes: tuple[PointerCapture, ...], average_s: float) -> int:

@@ -12,7 +12,7 @@ SECTIONS = (  # title, what the keys begin with, steps that the figures come fro
     ("Surface and path", "surface skull_reg path normal", ("surface", "path", "smoothing")),
     ("Robot and scan", SCAN, ("roll", "scan")),
     ("Maps", MAPS, ("maps",)),
-    ("Implant bed", "bed milling rehearsal", ("implant",)),
+    ("Implant bed", "burr bed milling rehearsal", ("implant",)),
     ("Handheld scan", "sono", ()),
 )
 # true error -> what the program expects of it without the truth
@@ -23,6 +23,7 @@ PREDICTED = {
     "surface_rms_mm": "surface_sigma_predicted_mm",
     "skull_registration_tre_mm": "skull_registration_sigma_mm",
     "landmark_distance_mm": "landmark_sigma_mm",
+    "burr_tip_error_mm": "burr_tip_sigma_mm",
     "scan_thickness_rms_mm": "thickness_sigma_predicted_mm",
 }
 

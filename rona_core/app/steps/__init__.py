@@ -5,6 +5,7 @@ from rona_core.app.runtime.session_step import SESSION
 from rona_core.app.steps.acoustics.step import STEP as ACOUSTICS
 from rona_core.app.steps.boundaries.step import STEP as BOUNDARIES
 from rona_core.app.steps.handheld.step import STEP as HANDHELD
+from rona_core.app.steps.implant.burr.step import STEP as BURR
 from rona_core.app.steps.implant.step import STEP as IMPLANT
 from rona_core.app.steps.maps.step import STEP as MAPS
 from rona_core.app.steps.path.step import STEP as PATH
@@ -34,6 +35,7 @@ STEPS = (
     MAPS,
     HANDHELD,
     BOUNDARIES,
+    BURR,
     IMPLANT,
 )
 REGISTRY.declare(STEPS)

@@ -28,14 +28,20 @@ def robot_model(name: str = "rx90", overrides: Mapping[str, object] | None = Non
 
 
 @lru_cache(maxsize=8)
-def milling_robot(name: str = "rx90", burr_radius_mm: float = 2.5) -> RobotModel:
+def milling_robot(
+    name: str = "rx90",
+    burr_radius_mm: float = 2.5,
+    offset_tip: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> RobotModel:
     """Return a robot by name that holds the spindle, with a burr no larger than this.
+
+    ``offset_tip`` (3,) in mm is where the tip of the burr was registered, off its drawing.
 
     Raises:
         InvalidInputError: no robot of that name, or a burr of another size than there are.
     """
     model = robot_model(name)
-    return model.with_tool(model.tool.with_spindle(Spindle(burr_radius_mm)))
+    return model.with_tool(model.tool.with_spindle(Spindle(burr_radius_mm), offset_tip))
 
 
 def figures_of(name: str) -> tuple[Figure, ...]:

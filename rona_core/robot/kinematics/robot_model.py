@@ -12,6 +12,8 @@ from rona_core.robot.kinematics.arm import Arm, IkSolutions, as_posture, wrapped
 from rona_core.robot.kinematics.joint_limits import JointLimits
 from rona_core.robot.kinematics.milling_tool import Spindle
 
+Place = tuple[float, float, float]
+
 TOOL_TIP_FLANGE_MM = (120.0, 0.0, 60.0)
 MARKER_TILT_RAD = np.deg2rad(20.0)
 
@@ -28,11 +30,24 @@ class Tool:
     T_flange_probe: Pose
     T_flange_toolmarker: Pose
     spindle: Spindle | None = None  # clamped in place of the probe; None: the probe is
+    burr_offset_tip: Place = (0.0, 0.0, 0.0)  # of its tip off the drawing, as it was registered
 
-    def with_spindle(self, spindle: Spindle) -> "Tool":
-        """Return the tool with the miller back in place of the probe, its tip where it was."""
-        T_tip_probe = Pose.identity()  # the burr ends where the tip of the tool was
-        return replace(self, T_flange_probe=self.T_flange_tip @ T_tip_probe, spindle=spindle)
+    def with_spindle(self, spindle: Spindle, offset_tip: Place = (0.0, 0.0, 0.0)) -> "Tool":
+        """Return the tool with the miller in place of the probe, its tip off the drawing's.
+
+        Args:
+            spindle: With its largest burr.
+            offset_tip: Of the registered tip (3,) in mm, in ``tip`` as it is drawn.
+        """
+        T_flange_tip = self.T_flange_tip @ Pose.from_translation(offset_tip)
+        T_tip_probe = Pose.identity()  # the burr ends where the tip of the tool does
+        return replace(
+            self,
+            T_flange_tip=T_flange_tip,
+            T_flange_probe=T_flange_tip @ T_tip_probe,
+            spindle=spindle,
+            burr_offset_tip=offset_tip,
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -54,7 +54,7 @@ class ToolMotionSettings:
 
     cone_deg: float = 20.0  # largest tilt of the tool from upright
     n_pivot: int = 30  # dwells of the pivot
-    n_translate: int = 10  # dwells along each of tool x and tool y
+    n_translate: int = 10  # dwells along each of tool x and tool y; 0: it pivots alone
     length_mm: float = 100.0  # of each shift, half to either side of the middle
     dwell_s: float = 0.5  # the robot stands still at each dwell
 
@@ -62,12 +62,13 @@ class ToolMotionSettings:
         for name, least, most in (
             ("cone_deg", 2.0, 60.0),
             ("n_pivot", 4, 500),
-            ("n_translate", 2, 200),
+            ("n_translate", 0, 200),
             ("length_mm", 10.0, 400.0),
             ("dwell_s", 0.1, 10.0),
         ):
             value = getattr(self, name)
             require(least <= value <= most, f"{name} must be {least:g} to {most:g}, not {value}")
+        require(self.n_translate != 1, "n_translate must be 0, or at least 2")
 
 
 def plan_tool_motion(

@@ -32,13 +32,15 @@ def true_centers_bed(
 ) -> Floats:
     """Return the middles of the ball (n, 3) in ``bed``, as that lies on the head at rest.
 
-    The burrs are in the chuck for the ``fitted``-th time: the probe was there in between.
+    The burrs are in the chuck for the ``fitted``-th time: the probe was there in between. The
+    spindle is off as far as its registration, which the model holds, does not know.
     """
     tips = true_tips(scene, model, way, ordinal)
+    off = scene.world.spindle_off_tip - np.array(model.tool.burr_offset_tip)
     seats = np.zeros((len(way), 3))
     for radius in np.unique(way.radii_mm):
         random = rng(scene.seed, "burr seat", ordinal, 1000 * fitted + round(100.0 * radius))
         seats[way.radii_mm == radius] = random.normal(0.0, SEAT_MM, 3)
-    middles = seats - way.radii_mm[:, None] * (0.0, 0.0, 1.0)
+    middles = off + seats - way.radii_mm[:, None] * (0.0, 0.0, 1.0)
     places = tips.translations + np.einsum("nij,nj->ni", tips.rotations, middles)
     return way.T_base_bed.inv() @ places

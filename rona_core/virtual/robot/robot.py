@@ -2,7 +2,7 @@
 
 import math
 import threading
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,8 +17,11 @@ from rona_core.robot.kinematics.arm import as_joints
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.virtual.robot.contact_dynamics import LaggingAxis
 from rona_core.virtual.robot.corrected_motion import CorrectedMotion, VirtualGuidedMotion
+from rona_core.virtual.robot.seated_motion import Seated
 
 START_TOLERANCE_RAD = float(np.deg2rad(0.5))  # a motion must start where the robot stands
+# times (n,), joint angles (n, 6), while the tip is held -> angles (n, 6) that the arm has
+Yield = Callable[[Floats, Floats, Seated], Floats]
 SPEED_SLACK, ROUNDING_RAD = 1.001, 1e-9  # rounding that is forgiven
 
 
@@ -73,12 +76,12 @@ class VirtualMotion:
 class VirtualRobot:
     """Satisfies ``devices.protocols.Robot``; calls from several threads are safe."""
 
-    def __init__(self, model: RobotModel, clock: Clock) -> None:
-        self.model = model
+    def __init__(self, model: RobotModel, clock: Clock, yields: Yield | None = None) -> None:
+        self.model, self._yields = model, yields
         self._clock = clock
         self._lock = threading.RLock()
         self._closed = False
-        self._settings = RobotSettings(latency_ms=0.0)
+        self._settings, self._ordinal = RobotSettings(latency_ms=0.0), 0
         self._course: _Course | CorrectedMotion = _standing(model.home_rad)
 
     def begin(self, settings: RobotSettings, ordinal: int) -> None:
@@ -91,7 +94,7 @@ class VirtualRobot:
             if settings.model != self.model.name:
                 raise DeviceError(f"this is a {self.model.name}, not a {settings.model}")
             self._closed = False
-            self._settings = settings
+            self._settings, self._ordinal = settings, ordinal
             self._rest(self._course.at_one(np.inf))
 
     def state(self) -> JointSample:
@@ -131,6 +134,28 @@ class VirtualRobot:
             DeviceError: the robot is closed or moving, the motion starts elsewhere, or a joint
                 limit or speed would be exceeded.
         """
+        return self._start(times_s, qs_rad, lambda times, qs: qs)
+
+    def move_seated(
+        self, times_s: ArrayLike, qs_rad: ArrayLike, seated_s: tuple[float, float]
+    ) -> VirtualMotion:
+        """Start a motion (n, 6) as :meth:`move` does, yielding to a seat that holds the tip.
+
+        Raises:
+            InvalidInputError, DeviceError: as for :meth:`move`.
+            DeviceError: there is no seat beside this robot.
+        """
+        yields = self._yields
+        if yields is None:
+            raise DeviceError("there is no seat beside this robot to hold a tip")
+        start_s, end_s = (time_s + self._clock.now() for time_s in seated_s)
+        seated = Seated(self._ordinal, start_s, end_s)
+        return self._start(times_s, qs_rad, lambda times, qs: yields(times, qs, seated))
+
+    def _start(
+        self, times_s: ArrayLike, qs_rad: ArrayLike, yielded: Callable[[Floats, Floats], Floats]
+    ) -> VirtualMotion:
+        """Start along what is left of joint angles (n, 6) once the arm has yielded."""
         qs, times = as_joints(qs_rad), as_floats(times_s, name="times_s")
         if times.shape != (len(qs),) or len(qs) < 2:
             raise InvalidInputError("a motion needs at least 2 joint vectors with a time each")
@@ -139,7 +164,7 @@ class VirtualRobot:
         with self._lock:
             now_s = self._clock.now()
             self._refuse(qs, times, now_s)
-            course = _Course(times + now_s, qs)
+            course = _Course(times + now_s, yielded(times + now_s, qs))
             self._course = course
             return VirtualMotion(course, self._clock)
 

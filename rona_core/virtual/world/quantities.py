@@ -71,6 +71,8 @@ QUANTITIES: Mapping[str, Quantity] = {
     "pulse_loss": Quantity(0.0, Uniform(0.0, 0.08), Uniform(0.08, 0.15)),
     "mounting_mm": Quantity(0.0, Normal(0.3, 0.1), Uniform(0.5, 0.8)),
     "mounting_deg": Quantity(0.0, Normal(0.5, 0.15), Uniform(0.8, 1.2)),
+    # spindle
+    "spindle_mm": Quantity(0.0, Normal(0.3, 0.1), Uniform(0.5, 0.8)),
     # devices around
     "robot_mm": Quantity(0.35, Uniform(0.25, 0.5), Uniform(0.5, 0.8)),
     "tracker_share": Quantity(1.0, Uniform(0.5, 1.0), Uniform(1.0, 1.2)),

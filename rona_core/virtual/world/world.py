@@ -35,6 +35,7 @@ class World:
     pulse_loss: float
     mounting_mm: float
     mounting_deg: float
+    spindle_mm: float
     robot_mm: float
     tracker_share: float
     head_drift_mm: float
@@ -47,6 +48,11 @@ class World:
         random = rng(self.seed, "world mounting", 0, 0)
         turn = np.deg2rad(self.mounting_deg) * _direction(random)
         return Pose.from_rotvec(turn, self.mounting_mm * _direction(random))
+
+    @property
+    def spindle_off_tip(self) -> Vector3:
+        """How far (3,) the tip of the spindle sits in its holder off its drawing, in ``tip``."""
+        return self.spindle_mm * _direction(rng(self.seed, "world spindle", 0, 0))
 
     @property
     def head_drift_base(self) -> Vector3:

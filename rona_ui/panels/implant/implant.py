@@ -8,6 +8,7 @@ from rona_core.app.steps.implant.implant_bed import ImplantBed
 from rona_core.app.steps.implant.messages import ImplantName, StartBedSearch
 from rona_core.app.steps.implant.view import MillingView
 from rona_core.app.steps.maps.view import layers_of
+from rona_ui.panels.implant.burr import BurrFields
 from rona_ui.panels.implant.by_hand import ASKED, ByHandFolder
 from rona_ui.panels.implant.export import BedExportFolder
 from rona_ui.panels.implant.figures import bed_table, lift_table, milling_table, verdict_note
@@ -69,6 +70,7 @@ class ImplantPanel(StepPanel):
 
     def build(self) -> None:
         """Add what is asked of the bed."""
+        self._burr = BurrFields(self.gui, self.context)
         names = {name: name for name in get_args(ImplantName)}
         self.form.choice("implant", "Implant", names, "BCI 602")
         self.form.choice("lift_mm", "Lift", LIFTS, None, "Spacer that raises the implant")
@@ -110,6 +112,7 @@ class ImplantPanel(StepPanel):
         self._figures.visible = held is not None and held.value.placed is not None
         if changed(old, new, "session.results", "milling"):
             self._tables.content = "" if held is None else _tables(held.value, new.milling)
+        self._burr.render(old, new)
         self._hand.render(old, new)
         self._lines.render(old, new)
         self._milling.render(old, new)

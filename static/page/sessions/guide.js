@@ -21,6 +21,7 @@ const CAPTIONS = {
   StartGapPlan: "Where a slanted inner table sent no echo back, the map has gaps. Rows with a leaning probe are planned over them.",
   StartGapScan: "The robot scans the gaps again.",
   StartCaliperMeasurements: "A caliper at a few places tells how fast sound runs in this bone.",
+  StartBurrCapture: "The robot holds the spindle now and turns it about a pin whose point rests in a fixed seat. What the arm gives way by tells where the tip of the burr really is.",
   StartBedSearch: "Where does an implant leave enough bone below it, and how surely? Every place and turn is tried against the maps as they may be.",
   PlanMilling: "The bed is milled in layers along concentric rings. The roll about the burr, the timing and the collisions are found as for the scan; without a certificate nothing moves.",
   RehearseMilling: "The milling is rehearsed in the true virtual bone. The floor is scanned before the last layers, the depth is put right, and the force stops the burr should it break through.",

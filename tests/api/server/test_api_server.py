@@ -11,6 +11,7 @@ from rona_core.app.messages.serialization import serialize_arguments
 from rona_core.app.procedure import PROCEDURE
 from rona_core.app.runtime.session_step import Undo
 from rona_core.app.steps.acoustics.messages import StartCaliperMeasurements
+from rona_core.app.steps.implant.burr.messages import StartBurrCapture
 from rona_core.app.steps.implant.messages import PlanMilling, RehearseMilling, StartBedSearch
 from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
 from rona_core.app.steps.path.messages import StartPathCapture
@@ -105,6 +106,7 @@ def test_the_whole_procedure_through_rest(client, web, tmp_path):
         StartGapScan(),
         StartCaliperMeasurements(),
         StartMapping(),
+        StartBurrCapture(),
         StartBedSearch(implant="Osia/Baha screw"),
         PlanMilling(),
         RehearseMilling(),

@@ -72,7 +72,8 @@ FROM_SCAN = FROM_SPEED | {
 FROM_PLAN = FROM_SCAN | {"roll", "placement"}
 FROM_CLOUD = FROM_PLAN | {"surface", "path", "smoothing"}
 LANDMARKS = frozenset(("capture landmarks", "landmarks"))
-FROM_TOOL = FROM_CLOUD | {"tool", "sono_detection"} | LANDMARKS
+FROM_TOOL = FROM_CLOUD | {"tool", "sono_detection", "burr"} | LANDMARKS
+TURNS = frozenset(("capture tool", "capture burr"))
 STROKES = frozenset(("capture surface", "capture path"))
 HAND = frozenset(("capture sono_scan", "sono_detection", "sono_maps"))
 HAND_TOOL = frozenset(("capture sono_pivot", "capture sono_spin", "sono")) | HAND
@@ -81,8 +82,8 @@ GAUGE = frozenset(("capture gauge", "mounting"))
 BLOCK = LINE | GAUGE  # steel, by the probe in the hand and in its holder
 POINTER = frozenset(("capture pointer", "pointer"))
 HEAD = FROM_CLOUD | STROKES | HAND | {"capture references"}
-TRACKER = FROM_TOOL | STROKES | HAND_TOOL | POINTER | {"capture tool"}
-BASE = HEAD | FROM_TOOL | {"capture tool"}
+TRACKER = FROM_TOOL | STROKES | HAND_TOOL | POINTER | TURNS
+BASE = HEAD | FROM_TOOL | TURNS
 ECHOES = FROM_SCAN | HAND
 HEARD = ECHOES | BLOCK
 EVERYTHING = BASE | TRACKER | HEARD
@@ -107,8 +108,9 @@ TABLE: dict[type, dict[str, tuple[Any, frozenset[str]]]] = {
         "pulse_loss": (0.1, HEARD),
         "mounting_mm": (0.3, FROM_SCAN | GAUGE),
         "mounting_deg": (0.5, FROM_SCAN | GAUGE),
+        "spindle_mm": (0.5, MAPS - {"maps"} | {"capture burr", "burr"}),
         "friction": (0.1, FROM_SCAN | GAUGE),
-        "robot_mm": (0.5, FROM_TOOL | {"capture tool"}),
+        "robot_mm": (0.5, FROM_TOOL | TURNS),
         "tracker_share": (0.5, TRACKER),
         "head_drift_mm": (0.3, HEAD - {"capture references"}),
         "breathing_mm": (0.05, HEAD - {"capture references"}),
@@ -132,7 +134,7 @@ TABLE: dict[type, dict[str, tuple[Any, frozenset[str]]]] = {
     SetUseBaseMarker: {"use_base_marker": (False, NOTHING)},  # nobody moved the tracker
     SetRobot: {
         "model": ("ur10", BASE),
-        "errors": (False, FROM_TOOL | {"capture tool"}),
+        "errors": (False, FROM_TOOL | TURNS),
         "scan_speed_mm_per_s": (30.0, FROM_PLAN),
         "base_shift_mm": ((10.0, 0.0, 0.0), BASE),
         "base_turn_deg": (5.0, BASE),

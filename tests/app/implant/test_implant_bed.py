@@ -176,15 +176,15 @@ def test_the_burr_is_the_largest_that_goes_in_or_the_one_that_was_asked_for():
         milling_settings(hole, 6.0)
 
 
-def test_the_burr_counts_as_known_as_the_tool_is(demo):
-    tip_mm = demo.results.tool.value.tip_sigma_mm
+def test_the_burr_counts_as_known_as_it_was_registered(demo):
+    burr = demo.results.get("burr")
     error = execution_error(demo)
     again_mm = repeatability_mm(demo.setup.devices.robot.model)
-    assert error.depth_mm == pytest.approx(np.hypot(tip_mm / np.sqrt(3.0), again_mm))
+    along_mm = burr.value.tip_sigma_mm / np.sqrt(3.0)
+    assert error.depth_mm == pytest.approx(np.hypot(along_mm, again_mm))
     assert error.lateral_mm == error.depth_mm
-    doubled = replace(demo.results.tool.value, tip_sigma_mm=2.0 * tip_mm)
-    tool = replace(demo.results.tool, value=doubled)
-    other = demo.with_result("tool", tool)
+    doubled = replace(burr.value, tip_sigma_mm=2.0 * burr.value.tip_sigma_mm)
+    other = demo.with_result("burr", replace(burr, value=doubled))
     assert execution_error(other).depth_mm > 1.9 * error.depth_mm
 
 

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,6 +10,7 @@ from rona_core.devices.samples import ToolTrack
 from rona_core.devices.settings import FIRST_PLACE, DeviceSettings, TrackerSettings
 from rona_core.evaluation.figures import rms
 from rona_core.evaluation.navigation_metrics import (
+    burr_figures,
     pointer_figures,
     registration_tre_mm,
     surface_figures,
@@ -21,6 +23,7 @@ from rona_core.virtual.clock import CaptureClock
 from rona_core.virtual.operator.operator import VirtualOperator
 from rona_core.virtual.scene import VirtualScene
 from rona_core.virtual.tracker.tracker import VirtualTracker
+from rona_core.virtual.world.world import NOMINAL
 from tests.helpers.sphere_world import ScriptedWorld, ShiftError, SphereSpecimen
 
 seeds = st.integers(0, 2**32 - 1)
@@ -84,6 +87,10 @@ def test_the_tip_errors_are_the_distances_they_were_given(seed):
     figures = tool_figures(registration, truth)
     assert figures["tool_tip_error_mm"] == pytest.approx(np.linalg.norm(tool_off))
     assert figures["tracker_registration_tre_mm"] == pytest.approx(0.0, abs=1e-9)
+    held = replace(NOMINAL, seed=seed, spindle_mm=0.4)
+    truth.scene.world = held
+    burr = SimpleNamespace(offset_tip=held.spindle_off_tip + off)
+    assert burr_figures(burr, truth)["burr_tip_error_mm"] == pytest.approx(np.linalg.norm(off))
 
 
 def test_of_a_5d_pointer_only_the_error_along_its_line_counts():

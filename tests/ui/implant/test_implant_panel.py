@@ -7,6 +7,8 @@ import pytest
 
 from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.steps.implant.bed_lines import lines_verdict
+from rona_core.app.steps.implant.burr.messages import StartBurrCapture
+from rona_core.app.steps.implant.burr.view import burr_view
 from rona_core.app.steps.implant.export import MOTIONS, NAMES, export_bed
 from rona_core.app.steps.implant.messages import (
     PlaceBed,
@@ -251,3 +253,17 @@ def test_lines_for_the_bed_are_found_by_a_button_and_planned_by_the_next(demo):
     bench.close()
     assert lines_verdict(found) not in gui.html()
     assert gui.find("button", "Plan pass along them").disabled
+
+
+def test_the_burr_is_registered_by_a_button_and_its_error_stands_below_it(demo):
+    gui, recorder, _ = panel_of(snapshot(demo))
+    button = gui.find("button", "Register burr")
+    button.happen(CLIENT)
+    assert recorder.sent[-1] == StartBurrCapture()
+    found = demo.results.get("burr").value
+    assert burr_view(demo).sentence in gui.html()
+    assert f"expected error {found.tip_sigma_mm:.2f} mm" in gui.html()
+    gui, _, _ = panel_of(snapshot(demo), snapshot(demo.with_result("burr", None)))
+    assert "Not registered: the burr may be off by 0.4 mm" in gui.html()
+    gui, _, _ = panel_of(snapshot(Session()))
+    assert gui.find("button", "Register burr").disabled

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rona_core.app.runtime.jobs import JobStatus
 from rona_core.app.steps.implant.bone_left import bone_over_bed
 from rona_core.app.steps.implant.messages import PlanMilling
 from rona_core.app.steps.implant.milling_motion import milling_duration_s, milling_plan_of
@@ -82,6 +83,10 @@ def test_the_robot_holds_the_spindle_where_the_plan_says(milled, milling):
     )
     assert shown_robot(new).tool.spindle is not None
     assert shown_robot(looked_at(milled, milling, STEP)).tool.spindle is None
+    turning = JobStatus("1", "StartBurrCapture", "running", 0.1)
+    assert shown_robot(replace(looked_at(milled), job=turning)).tool.spindle is not None
+    done = replace(turning, state="done")
+    assert shown_robot(replace(looked_at(milled), job=done)).tool.spindle is None
 
 
 def test_the_replay_tells_time_and_layer(milled, milling):

@@ -3,10 +3,11 @@
 import numpy as np
 
 from rona_core.app.dependencies.inputs import require_result
+from rona_core.app.steps.implant.burr.derivation import known_burr
 from rona_core.app.steps.implant.implant_bed import LACKS, ImplantBed, PlacedBed, TriedLift
 from rona_core.app.steps.implant.messages import Corners, PlaceBed, StartBedSearch
 from rona_core.app.steps.maps.accuracy.map_draws import draw_maps
-from rona_core.app.steps.maps.accuracy.probe_place import repeatability_mm
+from rona_core.app.steps.maps.accuracy.probe_place import SEAT_MM, repeatability_mm
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.path.zones import Zone
@@ -55,10 +56,11 @@ def _drawn(session: Session) -> MappedBone:
 def execution_error(session: Session) -> ExecutionError:
     """Return how well the robot that made the maps mills a bed in the posture of the scan.
 
-    The tip of the burr counts as known like that of the tool of step 2, and as it comes again.
+    The tip of the burr counts as known as it was registered, and as it comes again. Where nobody
+    registered it the spindle is clamped by hand, as the probe is: it may be off as far as that.
     """
-    tool = require_result(session.results.tool, "register the tool (step 2)").value
-    along_mm = tool.tip_sigma_mm / np.sqrt(3.0)
+    burr = known_burr(session)
+    along_mm = SEAT_MM if burr is None else burr.tip_sigma_mm / np.sqrt(3.0)
     sigma_mm = float(np.hypot(along_mm, repeatability_mm(session.setup.devices.robot.model)))
     return ExecutionError(depth_mm=sigma_mm, lateral_mm=sigma_mm)
 
@@ -131,6 +133,7 @@ def derive_search(
         tried=tuple(tried),
         probability=found.probability,
         lacks=found.shortfall,
+        burr_sigma_mm=_burr_sigma_mm(session),
     )
 
 
@@ -155,7 +158,13 @@ def derive_placed(session: Session, message: PlaceBed) -> ImplantBed:
         burr_mm=settings.burr.diameter_mm,
         placed=placed,
         refusal=_refusal(placed, problem.limits),
+        burr_sigma_mm=_burr_sigma_mm(session),
     )
+
+
+def _burr_sigma_mm(session: Session) -> float | None:
+    burr = known_burr(session)
+    return None if burr is None else burr.tip_sigma_mm
 
 
 def _problem(session: Session, message: StartBedSearch | PlaceBed) -> PlacementProblem:

@@ -1,6 +1,6 @@
 """The bed of an implant as a session holds it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 from rona_core.geometry.arrays import Floats, Ints, Vector3
@@ -8,6 +8,7 @@ from rona_core.geometry.pose import Pose
 from rona_core.planning.placement.chance import Chance
 from rona_core.planning.placement.figures import ScrewFigures
 from rona_core.planning.placement.seat import Placement
+from rona_core.session.codec import OMIT_EMPTY
 
 Lacks = Literal["nothing", "maps", "distance", "bone", "certainty"]
 LACKS: tuple[Lacks, ...] = ("nothing", "maps", "distance", "bone", "certainty")  # by `Shortfall`
@@ -58,3 +59,5 @@ class ImplantBed:
     tried: tuple[TriedLift, ...] = ()  # of a search
     probability: Floats | None = None  # (nu, nv) with its middle in each cell, best turned; search
     lacks: Ints | None = None  # (nu, nv) of these, rows of ``LACKS``
+    # 3D standard deviation of the registered tip of the burr; None: it was not registered
+    burr_sigma_mm: float | None = field(default=None, metadata=OMIT_EMPTY)

@@ -6,6 +6,7 @@ from rona_core.app.dependencies.inputs import result_input
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.runtime.handling import compute_one, compute_result, computed, strip_for_worker
 from rona_core.app.steps.implant.bed_lines import BedLines, derive_bed_lines
+from rona_core.app.steps.implant.burr.derivation import KNOWN_BURR
 from rona_core.app.steps.implant.derivation import derive_placed, derive_search
 from rona_core.app.steps.implant.implant_bed import ImplantBed
 from rona_core.app.steps.implant.messages import (
@@ -29,11 +30,17 @@ from rona_core.errors import StepBlockedError
 from rona_core.session.document import Session
 
 MAPS, TOOL, BED = result_input("maps"), result_input("tool"), result_input("bed")
-INPUTS = {"maps": MAPS, "tool": TOOL}
+INPUTS = {"maps": MAPS, "tool": TOOL, "burr": KNOWN_BURR}
 MILLING, DETECTION = result_input("milling"), result_input("detection")
-MILLED = {"bed": BED, "maps": MAPS, "tool": TOOL, "robot": MODEL, "obstacles": OBSTACLES}
+MILLED = {"bed": BED, **INPUTS, "robot": MODEL, "obstacles": OBSTACLES}
 
-REHEARSED = {"milling": MILLING, "bed": BED, "maps": MAPS, "detection": DETECTION}
+REHEARSED = {
+    "milling": MILLING,
+    "bed": BED,
+    "maps": MAPS,
+    "detection": DETECTION,
+    "burr": KNOWN_BURR,
+}
 
 
 def rehearse_milling(

@@ -32,6 +32,9 @@ from rona_core.session.document import Derived, Session
 from rona_core.session.memo import Memo
 
 FLOOR_MM = 0.5  # between places of the floor
+UNREGISTERED = (
+    "The burr was not registered, so where its tip is was assumed: register it and search again."
+)
 WANTED = "place the implant bed (step 10)"
 # what a bed that is moved goes on to ask for
 ASKED = ("implant", "limit_mm", "probability", "burr_mm", "avoid", "avoid_mm")
@@ -170,15 +173,16 @@ def grid_cells(boundary: BoundaryMap, points_map: Floats) -> Floats:
 
 
 def verdict(held: ImplantBed) -> str:
-    """Return in one sentence whether an implant fits, and how sure that is."""
+    """Return whether an implant fits, how sure that is, and whether the burr is registered."""
+    burr = "" if held.burr_sigma_mm is not None else f" {UNREGISTERED}"
     if held.refusal is not None or held.placed is None:
-        return f"{held.implant} does not fit safely: {held.refusal}."
+        return f"{held.implant} does not fit safely: {held.refusal}.{burr}"
     placed = held.placed
     lift = f" on a lift of {held.lift_mm:g} mm" if held.lift_mm > 0.0 else ""
     screws = " and every screw holds" if placed.screws else ""
     return (
         f"{held.implant}{lift} fits: at least {held.limit_mm:g} mm of bone stay below the bed"
-        f"{screws} with a probability of {percent(placed.probability)}."
+        f"{screws} with a probability of {percent(placed.probability)}.{burr}"
     )
 
 

@@ -78,6 +78,7 @@ def world(*names: str) -> Part:
 HEAD = world("head_drift_mm", "breathing_mm")
 CLAMPED_PROBE = world("mounting_mm", "mounting_deg", "friction")
 BLOCK = world(*LINE)
+SPINDLE = world("spindle_mm")
 
 
 def of_input(item: Input) -> Part:

@@ -153,20 +153,21 @@ def repeating_parts(
     accuracy_mm = ROBOT_ACCURACY_MM if devices.robot.errors else 0.0
     links = link_errors(model, qs_rad[made.used], model.T_flange_tip, accuracy_mm)
     by_robot = np.einsum("knj,njl->kl", moved_by.robot, links)
-    return moved_by, np.concatenate((by_robot[:6], _worse_half(by_robot[6:])))
+    return moved_by, np.concatenate((by_robot[:6], worse_half(by_robot[6:], by_robot[9:])))
 
 
-def _worse_half(tool: Floats) -> Floats:
-    """Return what links that are only shifted, or only turned, do to turn and tip of the tool.
+def worse_half(tool: Floats, tip: Floats) -> Floats:
+    """Return what links that are only shifted, or only turned, do to a tool.
 
     What is stated of a robot is the sum of both, which a registration feels alike. A tool feels the
     last link: its shift goes into the tip, its turn hardly does. As nobody says how the sum is
     shared, all of it is taken to be what moves the tip more.
 
     Args:
-        tool: Turns and shifts of the tip (6, 36), each half of the columns for half the variance.
+        tool: What is wanted of it (k, 36), each half of the columns for half the variance.
+        tip: Shifts of its tip (3, 36).
     """
-    sizes = [float((half**2).sum()) for half in np.hsplit(tool[3:], 2)]
+    sizes = [float((half**2).sum()) for half in np.hsplit(tip, 2)]
     kept = np.repeat(np.array(sizes) >= max(sizes), tool.shape[1] // 2)
     return np.sqrt(2.0) * tool * kept
 

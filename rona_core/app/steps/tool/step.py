@@ -1,21 +1,16 @@
 """Tool: registration of tool, robot and tracker."""
 
-import numpy as np
-
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext
 from rona_core.app.dependencies.base_reference import placed_reason
 from rona_core.app.dependencies.inputs import capture_input, result_input
-from rona_core.app.dependencies.staleness import capture_setup_digest, session_obstacles
+from rona_core.app.dependencies.staleness import session_obstacles
 from rona_core.app.runtime.handling import compute_result, record
-from rona_core.app.runtime.recording import begin, record_frames
 from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.setup.inputs import MODEL
 from rona_core.app.steps.tool.derivation import derive_registration
 from rona_core.app.steps.tool.messages import RegisterTool, StartToolCapture
-from rona_core.app.steps.tool.robot_motion import drive_to, require_certified
-from rona_core.devices.samples import JointSample, JointTrack, ToolTrack, TrackerFrame
-from rona_core.geometry.arrays import readonly
+from rona_core.app.steps.tool.recorded_motion import record_tool_motion
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.calibration_motion import ToolMotionSettings, plan_tool_motion
 from rona_core.session.captures import ToolCapture
@@ -39,32 +34,7 @@ def capture_tool(
         ),
         obstacles=around,
     )
-    require_certified("the tool motion", plan.certificate, plan, around)
-    drive_to(plan.qs_rad[0], session, context)
-    ordinal = begin(session, context)
-    motion = context.rig.robot.move(plan.times_s, plan.qs_rad)
-    joints: list[JointSample] = []
-
-    def with_joints(frame: TrackerFrame) -> bool:
-        joints.append(context.rig.robot.state())
-        context.live.put(joints=joints[-1])
-        context.progress(motion.progress())
-        return motion.done()
-
-    frames: list[TrackerFrame] = []
-    partial = record_frames(context, with_joints, frames)
-    return ToolCapture(
-        ordinal=ordinal,
-        setup_digest=capture_setup_digest("tool", session),
-        marker=ToolTrack.from_frames("toolmarker", frames),
-        joints=JointTrack.from_samples(joints),
-        dwell_start_s=readonly(np.array(plan.dwell_start_s)),
-        dwell_end_s=readonly(np.array(plan.dwell_end_s)),
-        phases=readonly(np.array(plan.phases, dtype=np.int64)),
-        partial=partial or motion.progress() < 1.0,
-        base=ToolTrack.from_frames("basemarker", frames),
-        tracker_place=session.setup.devices.tracker.place,
-    )
+    return record_tool_motion("tool", plan, around, session, context)
 
 
 def _summary(session: Session) -> str:

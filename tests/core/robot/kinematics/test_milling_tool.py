@@ -56,3 +56,15 @@ def test_only_the_burr_may_reach_into_what_may_be_touched():
 def test_a_spindle_without_a_burr_is_refused():
     with pytest.raises(InvalidInputError, match="burr_radius_mm"):
         Spindle(0.0)
+
+
+def test_the_registered_tip_moves_the_burr_and_not_the_marker():
+    drawn, model = milling_robot("rx90", 2.5), milling_robot("rx90", 2.5, (0.3, -0.2, 0.1))
+    moved = drawn.T_flange_tip.inv() @ model.T_flange_tip
+    np.testing.assert_allclose(moved.translation, (0.3, -0.2, 0.1), atol=1e-12)
+    np.testing.assert_allclose(moved.rotation, np.eye(3), atol=1e-12)
+    np.testing.assert_array_equal(model.T_flange_probe.matrix(), model.T_flange_tip.matrix())
+    np.testing.assert_array_equal(
+        model.T_flange_toolmarker.matrix(), drawn.T_flange_toolmarker.matrix()
+    )
+    assert model.tool.burr_offset_tip == (0.3, -0.2, 0.1)

@@ -37,6 +37,19 @@ def dwell_rows(motion):
     return list(zip(starts, ends, strict=True))
 
 
+def test_it_may_pivot_alone():
+    motion = plan_tool_motion(RX90, ToolMotionSettings(n_pivot=6, n_translate=0, dwell_s=0.2))
+    assert motion.phases.tolist() == [0] * 6
+    tips = RX90.forward(motion.qs_rad) @ RX90.T_flange_tip
+    inside = (motion.times_s >= motion.dwell_start_s[0]) & (
+        motion.times_s <= motion.dwell_end_s[-1]
+    )
+    away = tips.translations[inside] - motion.T_base_tip_center.translation
+    assert np.linalg.norm(away, axis=1).max() < 0.05
+    with pytest.raises(InvalidInputError, match="n_translate"):
+        ToolMotionSettings(n_translate=1)
+
+
 def test_it_is_certified_and_goes_from_home_to_home(motion):
     assert motion.certificate.certifies(motion)
     np.testing.assert_array_equal(motion.qs_rad[0], RX90.home_rad)

@@ -128,6 +128,16 @@ def test_the_probe_is_clamped_as_far_off_as_drawn():
     assert np.array_equal(NOMINAL.clamping.matrix(), np.eye(4))
 
 
+def test_the_spindle_sits_as_far_off_as_drawn_and_elsewhere_with_another_seed():
+    off, other = (replace(NOMINAL, seed=seed, spindle_mm=0.4).spindle_off_tip for seed in (1, 2))
+    assert (np.linalg.norm(off), np.linalg.norm(other)) == pytest.approx((0.4, 0.4))
+    assert abs(off @ other) < 0.99 * 0.16
+    assert not NOMINAL.spindle_off_tip.any()
+    # a stream of its own: the probe sits off in another direction
+    probe = replace(NOMINAL, seed=1, mounting_mm=0.4).clamping.translation
+    assert abs(off @ probe) < 0.99 * 0.16
+
+
 def test_the_outer_boundary_alone_is_uneven():
     random = np.random.default_rng(0)
     u = random.normal(0.0, 1.0, (4000, 3))

@@ -1,0 +1,1 @@
+"""The tip of the burr, registered in a seat about which the robot turns the spindle."""

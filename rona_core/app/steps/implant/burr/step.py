@@ -1,0 +1,48 @@
+"""Burr: the tip of the spindle registered in a seat, before a bed is laid and milled."""
+
+from rona_core.app.declarations import declarations as declare
+from rona_core.app.dependencies.inputs import capture_input, result_input
+from rona_core.app.runtime.handling import compute_result, record
+from rona_core.app.steps.implant.burr.capture import capture_burr
+from rona_core.app.steps.implant.burr.derivation import derive_burr
+from rona_core.app.steps.implant.burr.messages import RegisterBurr, StartBurrCapture
+from rona_core.app.steps.implant.burr.registration import BurrRegistration
+from rona_core.app.steps.setup import capture_parts as parts
+from rona_core.app.steps.setup.inputs import MODEL
+from rona_core.session.captures import ToolCapture
+
+BURR_CAPTURE, TOOL = capture_input("burr"), result_input("tool")
+
+STEP = declare.Step(
+    "burr",
+    part_of="implant",
+    commands=(declare.Command(RegisterBurr, compute_result, needs=(BURR_CAPTURE, TOOL)),),
+    activities=(
+        declare.Activity(
+            StartBurrCapture,
+            record("burr", capture_burr, RegisterBurr),
+            "Turning the burr in its seat",
+            needs=(TOOL,),
+            drives_robot=True,
+            records=True,
+        ),
+    ),
+    captures=(
+        declare.Capture(
+            "burr",
+            "turn the burr in its seat (step 10)",
+            (parts.tracker, parts.robot, parts.robot_errors, parts.SPINDLE),
+            types=(ToolCapture,),
+        ),
+    ),
+    results=(
+        declare.Result(
+            "burr",
+            RegisterBurr,
+            derive_burr,
+            {"capture": BURR_CAPTURE, "tool": TOOL, "robot": MODEL},
+            "register the burr (step 10)",
+            types=(BurrRegistration,),
+        ),
+    ),
+)

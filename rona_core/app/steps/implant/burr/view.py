@@ -1,0 +1,38 @@
+"""What is known of the burr's tip, in words."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.steps.implant.burr.registration import BurrRegistration
+from rona_core.session.document import Session
+
+
+@dataclass(frozen=True, slots=True)
+class BurrView:
+    """One line about the tip of the burr, and whether that is good, weak, bad or stale."""
+
+    sentence: str
+    verdict: str
+
+
+def burr_view(session: Session) -> BurrView | None:
+    """Return what is known of the tip of the burr; None where it was not registered."""
+    held = session.results.get("burr")
+    if held is None:
+        return None
+    found: BurrRegistration = held.value
+    x, y, z = found.offset_tip.tolist()
+    words = (
+        f"Tip {np.linalg.norm(found.offset_tip):.2f} mm off its drawing (x {x:+.2f}, y {y:+.2f}, "
+        f"z {z:+.2f}), expected error {found.tip_sigma_mm:.2f} mm"
+    )
+    reason = stale_reason("burr", session)
+    if reason is not None:
+        return BurrView(f"{words}. Not used: {reason}.", "stale")
+    if found.verdict == "bad":
+        return BurrView(f"{'; '.join((words, *found.reasons))}. Not used.", "bad")
+    return BurrView(
+        f"{'; '.join((words, *found.reasons))}. The milling is corrected.", found.verdict
+    )
