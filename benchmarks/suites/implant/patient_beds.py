@@ -1,6 +1,8 @@
 """Beds on one virtual patient: drawn, and searched as step 10 does, with what the true bone leaves.
 
-The bed is milled with a draw of the stated error of execution, since no burr is registered.
+The bed comes to lie off its plan by what the registration of the burr does not know of the true
+tip, with the robot turned anyhow about the burr, by a burr's seat in its chuck and by what the
+robot does not repeat.
 """
 
 from collections.abc import Iterator
@@ -11,7 +13,7 @@ import numpy as np
 from numpy.random import Generator
 from scipy.special import ndtri
 
-from benchmarks.reference.bone_worlds import milled
+from rona_core.app.steps.implant.burr.derivation import known_burr
 from rona_core.app.steps.implant.derivation import (
     LIFT_STEP_MM,
     derive_search,
@@ -22,11 +24,13 @@ from rona_core.app.steps.implant.derivation import (
 from rona_core.app.steps.implant.implant_bed import ImplantBed
 from rona_core.app.steps.implant.messages import ImplantName, StartBedSearch
 from rona_core.app.steps.implant.view import FLOOR_MM
+from rona_core.app.steps.maps.accuracy.probe_place import repeatability_mm
 from rona_core.devices.protocols import never
 from rona_core.errors import InvalidInputError
 from rona_core.evaluation.maps.bed_metrics import residual_mm
 from rona_core.evaluation.truth import Truth
 from rona_core.geometry.arrays import Floats
+from rona_core.geometry.pose import Pose
 from rona_core.planning.bed import Bed
 from rona_core.planning.implants.catalogue import CATALOGUE, implant_named
 from rona_core.planning.implants.implant import MOST_LIFT_MM
@@ -38,6 +42,7 @@ from rona_core.planning.placement.seat import Placement
 from rona_core.planning.placement.settings import PlacementLimits
 from rona_core.planning.placement.solid_points import solid_points
 from rona_core.session.document import Session
+from rona_core.virtual.milling.true_burr import SEAT_MM
 
 LEVELS = (0.05, 0.999)  # of P, even in standard normal quantiles
 TRIES = 100  # of places for one bed
@@ -88,8 +93,8 @@ def drawn_beds(patient: Patient, generator: Generator, count: int) -> Iterator[T
 
     A place where the bed is not wholly mapped, or where no limit gives that level, is drawn again.
     """
-    bone, execution = mapped_bone(patient.session), execution_error(patient.session)
-    problem = PlacementProblem(bone, execution)
+    bone = mapped_bone(patient.session)
+    problem = PlacementProblem(bone, execution_error(patient.session))
     cells = bone.places_mm()[bone.ok]
     for _ in range(count if len(cells) else 0):
         level = float(generator.uniform(*ndtri(LEVELS)))
@@ -102,7 +107,7 @@ def drawn_beds(patient: Patient, generator: Generator, count: int) -> Iterator[T
             if bed is None or found is None:
                 continue
             limit_mm, figures = found
-            T_base_bed = bone.outer.T_base_map @ milled(generator, execution, figures.T_map_bed)
+            T_base_bed = _milled(patient, generator, bone.outer.T_base_map @ figures.T_map_bed)
             trial = _trial(patient, figures, limit_mm, T_base_bed @ _floor(bed))
             if trial is not None:
                 yield trial
@@ -134,12 +139,24 @@ def _best(patient: Patient, generator: Generator, held: ImplantBed) -> Trial | N
     placed, bed = held.placed, _bed(held.implant, held.lift_mm)
     if placed is None or placed.chance is None or placed.residual_mm is None or bed is None:
         return None
-    T_base_bed = milled(generator, execution_error(patient.session), placed.T_base_bed)
+    T_base_bed = _milled(patient, generator, placed.T_base_bed)
     left = residual_mm(T_base_bed @ _floor(bed), patient.truth)
     if left is None:
         return None
     chance, predicted = placed.chance.probability, placed.residual_mm
     return Trial(patient.number, chance, predicted, left, held.limit_mm)
+
+
+def _milled(patient: Patient, generator: Generator, T_base_bed: Pose) -> Pose:
+    """Return where a bed comes to lie that was planned at a pose."""
+    burr = known_burr(patient.session)
+    off_tip = patient.truth.scene.world.spindle_off_tip
+    off_tip = off_tip - (np.zeros(3) if burr is None else burr.offset_tip)
+    turned = Pose.from_rotvec((0.0, 0.0, float(generator.uniform(-np.pi, np.pi))))
+    off_bed = turned @ (off_tip * (1.0, -1.0, -1.0))  # the tip looks into the bone
+    again_mm = repeatability_mm(patient.session.setup.devices.robot.model)
+    chance_mm = float(np.hypot(SEAT_MM, again_mm))
+    return T_base_bed @ Pose.from_translation(off_bed + generator.normal(0.0, chance_mm, 3))
 
 
 def _at_level(
