@@ -61,6 +61,10 @@ class TipError(Protocol):
         """Return the repeatable part of the error (n, 3) at points (n, 3), at joints (n, 6)."""
         ...
 
+    def of_motion_mm(self, ordinal: int, key: int) -> Floats:
+        """Return the part (3,) that one motion or time bucket ``key`` of a capture has alone."""
+        ...
+
 
 class VirtualScene:
     """True poses and shapes. Devices measure them; only the evaluation may look at them.

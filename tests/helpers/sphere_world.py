@@ -83,6 +83,9 @@ class ShiftError:
     def systematic_mm(self, points_base, qs_rad=None):
         return np.broadcast_to(np.array(self.offset), np.shape(points_base)).copy()
 
+    def of_motion_mm(self, ordinal, key):
+        return np.zeros(3)
+
 
 def boundary_meshes(specimen, edge_mm):
     """Return the outer and the inner boundary of a simulated skull as two trimeshes."""

@@ -235,4 +235,6 @@ class BoneStack:
         if not rays.kept.all():
             bone = bone * rays.kept.astype(self._real)[:, None]
         line = self._line(rays.outer_mm - rays.gel_mm)  # <= 0: the line gives way
-        return echo_bands(weights, line, self._gel(rays.gel_mm), bone, self._face)
+        pressed = bool((rays.gel_mm == self.film_mm).all())  # then all rays cross the same film
+        gel = self._gel(rays.gel_mm[:1] if pressed else rays.gel_mm)
+        return echo_bands(weights, line, gel, bone, self._face)

@@ -12,7 +12,7 @@ from rona_core.devices.samples import AScan
 from rona_core.devices.settings import ProbeSettings
 from rona_core.errors import DeviceError
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
-from rona_core.geometry.pose import Pose, Poses
+from rona_core.geometry.pose import Poses
 from rona_core.ultrasound.probe.beam import FACE_OVER_APERTURE
 from rona_core.ultrasound.probe.probe_model import probe_model
 from rona_core.virtual.acoustics.delay_line import LINE_N_PER_MM, SHEAR_N_PER_MM, TrueLine
@@ -166,32 +166,43 @@ class VirtualProbe:
         starts = Ts_skull_probe.map_points(flat) - RETREAT_MM * axes[:, None]
         rays = starts.reshape(-1, 3), np.repeat(axes, n, axis=0)
         found = self._specimen.layers(*rays).reshape(-1, n, 4)
-        return [
-            self._profile(pose, depths) for pose, depths in zip(Ts_skull_probe, found, strict=True)
-        ]
+        hit: Bools = np.asarray(np.isfinite(found).all(axis=2), dtype=np.bool_)
+        gaps_mm = found[:, 0, 0] - RETREAT_MM  # ray 0 is the axis
+        touching = hit[:, 0] & (np.abs(gaps_mm) <= self._model.compliance_mm)
+        found, hit = found[touching], hit[touching]
+        for i in np.flatnonzero(~hit.all(axis=1)).tolist():
+            found[i, ~hit[i]] = found[i, hit[i]].mean(axis=0)
+        depths = found - RETREAT_MM
+        profiles = iter(self._profiles(Ts_skull_probe.select(touching), depths, hit))
+        return [next(profiles) if touches else None for touches in touching.tolist()]
 
-    def _profile(self, T_skull_probe: Pose, found: Floats) -> LayerProfile | None:
-        """Return the layers under the rays of the beam from those under the cast rays (c, 4)."""
-        outer = found[:, 0] - RETREAT_MM
-        hit: Bools = np.asarray(np.isfinite(found).all(axis=1), dtype=np.bool_)
-        if not hit[0] or abs(outer[0]) > self._model.compliance_mm:  # ray 0 is the axis
-            return None
-        depths = np.where(hit[:, None], found - RETREAT_MM, found[hit].mean(axis=0) - RETREAT_MM)
-        outer, diploe, table, inner = (self._rays.values @ depths).T
-        outer_rad, inner_rad = self._angles(self._rays.slopes @ depths[:, (0, 3)])
-        return LayerProfile(
-            outer_mm=outer,
-            table_mm=np.maximum(diploe - outer, 0.0),
-            diploe_mm=np.maximum(table - diploe, 0.0),
-            inner_table_mm=np.maximum(inner - table, 0.0),
-            hit=hit[self._rays.nearest],
-            entries_skull=T_skull_probe @ np.column_stack((self._echo.ray_points_mm, outer)),
-            outer_angle_rad=outer_rad,
-            inner_angle_rad=inner_rad,
+    def _profiles(self, Ts_skull_probe: Poses, depths_mm: Floats, hit: Bools) -> list[LayerProfile]:
+        """Return the layers under the rays of the beam at n poses, from those of the cast rays.
+
+        Args:
+            Ts_skull_probe: Where the probe is (n,).
+            depths_mm: Of the four boundaries from the face, at each cast ray (n, c, 4).
+            hit: Which cast rays (n, c) meet the bone.
+        """
+        outer, diploe, table, inner = np.moveaxis(self._rays.values @ depths_mm, 2, 0)
+        outer_rad, inner_rad = self._angles(self._rays.slopes[:, None] @ depths_mm[:, :, (0, 3)])
+        on_face = np.broadcast_to(self._echo.ray_points_mm, (*outer.shape, 2))
+        entries = np.concatenate((on_face, outer[:, :, None]), axis=2)
+        turned = entries @ np.swapaxes(Ts_skull_probe.rotations, 1, 2)
+        columns = (
+            outer,
+            np.maximum(diploe - outer, 0.0),
+            np.maximum(table - diploe, 0.0),
+            np.maximum(inner - table, 0.0),
+            hit[:, self._rays.nearest],
+            turned + Ts_skull_probe.translations[:, None],
+            outer_rad,
+            inner_rad,
         )
+        return [LayerProfile(*fields) for fields in zip(*columns, strict=True)]
 
     def _angles(self, slopes: Floats) -> tuple[Floats, Floats]:
-        """Return the angles of incidence (n,) on outer and inner boundary from slopes (2, n, 2).
+        """Return angles of incidence on outer and inner boundary (...) from slopes (2, ..., 2).
 
         In the bone the wave travels as refraction sends it; for such small angles, these add.
         """

@@ -101,6 +101,10 @@ class RobotError:
             raise InvalidInputError("a robot that errs by its joints needs their angles")
         return self._joints.deviations(qs_rad, points)
 
+    def of_motion_mm(self, ordinal: int, key: int) -> Floats:
+        """Return the part of the shift (3,) that is new with every motion; see above."""
+        return self._repeatability(ordinal, key)[:3] if self.enabled else np.zeros(3)
+
     def _repeatability(self, ordinal: int, key: int) -> Floats:
         """Return shift in mm and rotation vector in radians (6,) of one motion."""
         words = (SALT_MOTION, *_words(self._seed), *_words(ordinal), *_words(key))

@@ -36,7 +36,7 @@ class ContactDepth:
         reached, travels = course.looks(times_s)
         gaps = np.interp(reached, course.motion_times_s, self._gaps_mm)
         axis = self._axes_base[int(np.searchsorted(course.motion_times_s, reached[-1]))]
-        shift = self._shift(int(error_keys(times_s[-1])), reached[-1], course)
+        shift = self._shift(int(error_keys(times_s[-1])))
         head = self._scene.head_shift_base(self._ordinal, times_s[-1:])[0]
         return travels - gaps + float((shift - head) @ axis)
 
@@ -47,7 +47,8 @@ class ContactDepth:
         T_tip_probe = nominal @ self._scene.world.clamping
         tips = self._model.forward(course.qs_rad[:, middle]) @ self._model.T_flange_tip
         qs_rad = course.qs_rad[:, middle]
-        moved = tips.translations + self._systematic_mm(tips.translations, qs_rad)
+        systematic_mm = self._scene.robot_error.systematic_mm(tips.translations, qs_rad)
+        moved = tips.translations + systematic_mm
         probes = Poses(tips.rotations, moved) @ T_tip_probe
         self._axes_base = probes.rotations[:, :, 2]
         self._gaps_mm = np.full(len(course.motion_times_s), FAR_MM)
@@ -57,18 +58,10 @@ class ContactDepth:
         faces_skull = T_skull_base @ probes.translations[at]
         met = self._scene.specimen.ray(faces_skull - BEFORE_MM * axes_skull, axes_skull)
         self._gaps_mm[at] = np.where(np.isfinite(met), met - BEFORE_MM, FAR_MM)
-        self._tips_base, self._qs_rad = tips, qs_rad
-        self._course, self._shifts = course, {}
+        self._course = course
 
-    def _systematic_mm(self, points_base: Floats, qs_rad: Floats) -> Floats:
-        return self._scene.robot_error.systematic_mm(points_base, qs_rad)
-
-    def _shift(self, key: int, reached_s: float, course: CorrectedMotion) -> Floats:
+    def _shift(self, key: int) -> Floats:
         """Return the part (3,) of the robot's error that changes with every motion."""
         if key not in self._shifts:
-            row = int(np.searchsorted(course.motion_times_s, reached_s))
-            tip, q = self._tips_base.select(slice(row, row + 1)), self._qs_rad[row : row + 1]
-            true = self._scene.Ts_base_tip_true(tip, q, self._ordinal, np.array([key]))
-            off = true.translations - tip.translations
-            self._shifts[key] = (off - self._systematic_mm(tip.translations, q))[0]
+            self._shifts[key] = self._scene.robot_error.of_motion_mm(self._ordinal, key)
         return self._shifts[key]

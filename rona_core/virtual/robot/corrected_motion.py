@@ -74,6 +74,22 @@ class CorrectedMotion:
         time_s = min(time_s, self.stopped_s)
         return time_s if math.isfinite(time_s) else self._knots[-1][0]
 
+    def at(self, times_s: Floats) -> Floats:
+        """Return the joint angles (n, 6) at times (n,) of the capture: ``at_one`` for each."""
+        reached = np.array([self.reached_s(time_s) for time_s in times_s.tolist()])
+        travels_mm = np.array([self.travel_mm(time_s) for time_s in times_s.tolist()])
+        knots = self.motion_times_s
+        i = np.clip(np.searchsorted(knots, reached, side="right") - 1, 0, len(knots) - 2)
+        share = (reached - knots[i]) / (knots[i + 1] - knots[i])
+        sheets = self.qs_rad[i] + share[:, None, None] * (self.qs_rad[i + 1] - self.qs_rad[i])
+        apart = travels_mm[:, None] - self.travels_mm
+        level = apart == 0.0
+        terms = self._weights / np.where(level, 1.0, apart)
+        qs = (terms[:, None] @ sheets)[:, 0] / np.add.reduce(terms, axis=1)[:, None]
+        row, number = np.nonzero(level)
+        qs[row] = sheets[row, number]
+        return qs
+
     def at_one(self, time_s: float) -> Floats:
         """Return the joint angles (6,) at some time of the capture."""
         times, reached = self._times, self.reached_s(time_s)

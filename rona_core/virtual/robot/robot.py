@@ -115,10 +115,7 @@ class VirtualRobot:
     def qs_at(self, times_s: Floats) -> Floats:
         """Return the joint angles (n, 6) at times (n,) of the capture."""
         with self._lock:
-            course = self._course
-            if isinstance(course, _Course):
-                return course.at(times_s)
-            return np.array([course.at_one(float(time_s)) for time_s in times_s])
+            return self._course.at(times_s)
 
     def motion_key(self) -> Hashable | None:
         """Return what decides the joint angles to come, None while corrections may come in."""

@@ -32,6 +32,7 @@ class LinesOfSight:
         self._scene, self._model, self._qs_at = scene, model, qs_at
         self._links = link_capsules(model)
         self._head: MeshRaycaster | None = None
+        self._newest_arm: tuple[Floats, Capsules] | None = None  # and its joint angles
 
     def clear(self, tool: str, Ts_tracker_marker: Poses, times_s: Floats) -> Bools:
         """Return which markers (n, m) of a tool at its true poses (n,) both cameras see."""
@@ -46,12 +47,19 @@ class LinesOfSight:
         if _at_rest(qs_rad):
             qs_rad = qs_rad[:1]
         T_base_tracker = self._scene.T_base_tracker
-        arm = self._links.at(self._model, qs_rad)
+        arm = self._arm_at(qs_rad)
         hidden = hidden | segments_hit(
             _moved(T_base_tracker, starts), _moved(T_base_tracker, ends), arm
         )
         count = len(GEOMETRIES[tool].positions_marker)
         return np.broadcast_to(~hidden.any(axis=1), (len(Ts_tracker_marker), count))
+
+    def _arm_at(self, qs_rad: Floats) -> Capsules:
+        """Return the arm in ``base`` at joint angles (n, 6): for all tools of a frame, once."""
+        newest = self._newest_arm
+        if newest is None or not np.array_equal(newest[0], qs_rad):
+            newest = self._newest_arm = qs_rad, self._links.at(self._model, qs_rad)
+        return newest[1]
 
     def _rays(self, tool: str, Ts_tracker_marker: Poses) -> tuple[Floats, Floats]:
         """Return start and end (n, 2, m, 3) in ``tracker`` of the lines from camera to marker."""
@@ -117,13 +125,22 @@ def segments_hit(starts: Floats, ends: Floats, capsules: Capsules) -> Bools:
 
 
 def _near(a: Floats, b: Floats, c: Floats, d: Floats, radii_mm: Floats) -> Bools:
-    """Return which segments a-b touch the balls around capsules c-d, by broadcasting."""
+    """Return which segments a-b (n, r, 1, 3) touch the balls around capsules c-d (n, 1, k, 3).
+
+    The frames n come last here, and the coordinates first: loops over three numbers are slow.
+    """
+    a, b, c, d = (np.ascontiguousarray(points.transpose(3, 1, 2, 0)) for points in (a, b, c, d))
     halves, lines = 0.5 * (d - c), b - a
     to_middle = c + halves - a
-    reach_mm = np.sqrt(dots(halves, halves)) + radii_mm
-    share = dots(to_middle, lines) / dots(lines, lines)
-    off = to_middle - np.clip(share, 0.0, 1.0)[..., None] * lines
-    return np.asarray(dots(off, off) <= reach_mm**2)
+    reach_mm = np.sqrt(_dots_of_columns(halves, halves)) + radii_mm[:, None]
+    share = _dots_of_columns(to_middle, lines) / _dots_of_columns(lines, lines)
+    off = to_middle - np.clip(share, 0.0, 1.0) * lines
+    return np.asarray(_dots_of_columns(off, off) <= reach_mm**2).transpose(2, 0, 1)
+
+
+def _dots_of_columns(a: Floats, b: Floats) -> Floats:
+    """Return the inner products (...) of vectors (3, ...), by broadcasting."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def segment_distances2(a: Floats, b: Floats, c: Floats, d: Floats) -> Floats:

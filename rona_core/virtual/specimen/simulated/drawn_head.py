@@ -47,7 +47,7 @@ def drawn_head(shape: SkullShape, surface: Mesh, region: Region) -> DrawnHead:
     under = heights_mm(placed, region) > HIDDEN_MM  # the region may be opened: nothing is below it
     kept = ~under[faces].all(axis=1)
     points = shape.sutures.points
-    at = shape.center_skull + shape.radii(points)[:, :1] * points
+    at = shape.center_skull + shape.outer_radii(points)[:, None] * points
     return DrawnHead(
         calvaria=calvaria,
         face=Mesh(readonly(placed), readonly(faces[kept])),
@@ -91,7 +91,7 @@ def _calvaria(shape: SkullShape, surface: Mesh, region: Region) -> Mesh:
     share = height[rim] / (height[rim] - mean[:, 3])
     moved = vertices[rim] + share[:, None] * (mean[:, :3] - vertices[rim])
     _, u = _polar(moved - shape.center_skull)
-    vertices[rim] = shape.center_skull + shape.radii(u)[:, :1] * u
+    vertices[rim] = shape.center_skull + shape.outer_radii(u)[:, None] * u
     used, numbers = np.unique(cut, return_inverse=True)
     return Mesh(readonly(vertices[used]), readonly(numbers.reshape(-1, 3).astype(np.int64)))
 
@@ -99,7 +99,7 @@ def _calvaria(shape: SkullShape, surface: Mesh, region: Region) -> Mesh:
 def _fitted(shape: SkullShape, vertices: Floats, band: Bools) -> Floats:
     """Return the template (n, 3) with its seam on the head, and the rest carried along."""
     radius, u = _polar(vertices[band] - shape.center_skull)
-    shifts = (shape.radii(u)[:, 0] - BELOW_MM - radius)[:, None] * u
+    shifts = (shape.outer_radii(u) - BELOW_MM - radius)[:, None] * u
     count = min(24, len(shifts))
     apart, near = KDTree(vertices[band]).query(vertices, k=count)
     weights = 1.0 / (apart**2 + SPREAD_MM**2)
@@ -112,7 +112,7 @@ def _fitted(shape: SkullShape, vertices: Floats, band: Bools) -> Floats:
 def _tucked(shape: SkullShape, placed: Floats, region: Region) -> Floats:
     """Return the template (n, 3) under the calvaria, and gradually free of it below the seam."""
     radius, u = _polar(placed - shape.center_skull)
-    surface = shape.radii(u)[:, 0]
+    surface = shape.outer_radii(u)
     height = heights_mm(shape.center_skull + surface[:, None] * u, region)
     limit = surface - BELOW_MM + STEEPEST * np.maximum(-height, 0.0)
     return shape.center_skull + np.minimum(radius, limit)[:, None] * u

@@ -61,6 +61,14 @@ class SkullShape:
         """
         return self._radii(lambda field: field.value(u))
 
+    def outer_radii(self, u: Floats) -> Floats:
+        """Return the radii (n,) of the outer boundary alone: the first of ``radii``."""
+
+        def value(field: Field) -> Floats:
+            return field.value(u)
+
+        return self._uncarved(value) - self._carving(value)
+
     def chart_radii(self, axes: Floats, slopes: Floats) -> Floats:
         """Return the radii (n n, 4) in mm at ``chart_directions`` of slopes (n,), ascending."""
         u = chart_directions(axes, slopes)
@@ -73,13 +81,20 @@ class SkullShape:
 
     def _radii(self, value: Callable[[Field], Floats]) -> Floats:
         """Return the radii (n, 4) from what the fields are."""
-        outer = value(self.egg) + sum((value(field) for field in self.relief), 0.0)
         wish = self.base_thickness_mm + sum((value(field) for field in self.template), 0.0)
         x = (wish - FLOOR_MM) / FLOOR_WIDTH_MM
         thickness = FLOOR_MM + FLOOR_WIDTH_MM * np.logaddexp(0.0, x)
         depths = layer_depths(thickness, diploe_share(thickness + value(self.diploe)))
+        depths[:, 0] = self._carving(value)
+        return self._uncarved(value)[:, None] - depths
+
+    def _uncarved(self, value: Callable[[Field], Floats]) -> Floats:
+        """Return the radii (n,) that all depths are counted from."""
+        return value(self.egg) + sum((value(field) for field in self.relief), 0.0)
+
+    def _carving(self, value: Callable[[Field], Floats]) -> Floats:
+        """Return how deep (n,) sutures and texture are carved into the outer boundary."""
         carved = value(self.sutures)
         if self.texture is not None:
             carved = carved + value(self.texture)
-        depths[:, 0] = SUTURE_CAP_MM * np.tanh(carved / SUTURE_CAP_MM)
-        return outer[:, None] - depths
+        return SUTURE_CAP_MM * np.tanh(carved / SUTURE_CAP_MM)

@@ -64,7 +64,7 @@ class SimulatedSpecimen:
         self.shape: SkullShape = draw_patient(seed, outer_texture_mm)
         self._center = self.shape.center_skull
         _, directions = cube_sphere(24)
-        self._bound_mm = float(self.shape.radii(directions).max()) + 2.0
+        self._bound_mm = float(self.shape.outer_radii(directions).max()) + 2.0
         middle = self._region_center(side, center_skull)
         axis = middle / np.linalg.norm(middle)
         self._atlas = Atlas(self.shape, axis, (radius_mm + REGION_RIM_MM) / HEAD_MM)
@@ -81,7 +81,7 @@ class SimulatedSpecimen:
             v = as_vector3(center_skull, name="center") - self._center
             distance = float(np.linalg.norm(v))
             u = v / max(distance, 1e-9)
-            radius = float(self.shape.radii(u[None])[0, 0])
+            radius = float(self.shape.outer_radii(u[None])[0])
             if abs(distance - radius) > OFF_SURFACE_MM:
                 raise InvalidInputError(
                     f"the centre must lie on the skull, but lies {distance - radius:+.0f} "
@@ -96,7 +96,7 @@ class SimulatedSpecimen:
         def gap(t: Floats, _: object) -> Floats:
             v = origin + t[:, None] * inward
             r = np.linalg.norm(v, axis=1)
-            return r - self.shape.radii(v / r[:, None])[:, 0]
+            return r - self.shape.outer_radii(v / r[:, None])
 
         t = first_entries(gap, np.zeros(1), np.full(1, 2.0 * HEAD_MM))
         return origin + t[0] * inward
@@ -165,7 +165,7 @@ class SimulatedSpecimen:
     def mesh(self, edge_mm: float = 3.0) -> Mesh:
         """Return triangles of the outer boundary for the eye."""
         faces, directions = cube_sphere(int(np.ceil(0.5 * np.pi * HEAD_MM / edge_mm)))
-        vertices = self._center + self.shape.radii(directions)[:, 0, None] * directions
+        vertices = self._center + self.shape.outer_radii(directions)[:, None] * directions
         return Mesh(readonly(vertices), readonly(faces))
 
     def drawn_head(self, edge_mm: float = 3.0) -> DrawnHead:
