@@ -22,21 +22,8 @@ from rona_core.compose import build_virtual_rig, new_workbench
 from rona_core.errors import InvalidInputError
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
-from rona_core.session.files import load_session, session_bytes, session_from_bytes
+from rona_core.session.files import session_bytes, session_from_bytes
 from rona_core.virtual.milling.true_burr import true_centers_bed
-from rona_ui.resources import demo_session
-
-
-@pytest.fixture(scope="module")
-def demo():
-    return load_session(demo_session())
-
-
-@pytest.fixture
-def bench(demo):
-    made = new_workbench(demo)
-    yield made
-    made.close()
 
 
 def burr_of(session):

@@ -19,7 +19,6 @@ from rona_core.app.steps.implant.messages import PlaceBed, StartBedSearch
 from rona_core.app.steps.implant.view import floor_base, milling_view, percent, verdict
 from rona_core.app.steps.maps.accuracy.probe_place import repeatability_mm
 from rona_core.app.steps.setup.messages import SetProbe
-from rona_core.compose import new_workbench
 from rona_core.devices.protocols import never, silent
 from rona_core.errors import (
     CancelledError,
@@ -30,20 +29,7 @@ from rona_core.errors import (
 from rona_core.planning.implants.catalogue import implant_named
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
-from rona_core.session.files import load_session, session_bytes, session_from_bytes
-from rona_ui.resources import demo_session
-
-
-@pytest.fixture(scope="module")
-def demo():
-    return load_session(demo_session())
-
-
-@pytest.fixture
-def bench(demo):
-    made = new_workbench(demo)
-    yield made
-    made.close()
+from rona_core.session.files import session_bytes, session_from_bytes
 
 
 def bed_of(session):
