@@ -19,7 +19,7 @@ from rona_ui.presentation.camera import HEAD, ROOM, TABLE
 from rona_ui.presentation.footprint import footprint
 from rona_ui.presentation.held_point import NUDGES, held_point
 from rona_ui.presentation.snapshot import Snapshot, changed
-from rona_ui.presentation.view_state import EDITS, LAYERS, MODES, NEEDED, CutDirection
+from rona_ui.presentation.view_state import EDITS, LAYERS, MODES, NEEDED, CutDirection, ViewState
 from rona_ui.viewer.bindings import Event, escape
 from rona_ui.viewer.gateway import uuid_of
 from rona_ui.viewer.theme import set_theme
@@ -74,6 +74,7 @@ class PageLink:
             "layer": lambda value, event: self._show_layer(value),
             "all_layers": lambda value, event: self._set_view(all_layers=_flag(value)),
             "cut": lambda value, event: self._set_view(cut_direction=_one_of(value, CUTS)),
+            "flip": lambda value, event: self._change_view(FLIPS[_one_of(value, FLIPS)]),
             "cut_offset": lambda value, event: self._set_view(cut_offset_mm=_offset_mm(value)),
             "cut_maps": lambda value, event: self._set_view(cut_maps=_flag(value)),
             "tabs": lambda value, event: context.set_view(
@@ -93,8 +94,11 @@ class PageLink:
         self._context.show_layer(_one_of(value["name"], LAYERS), _flag(value["shown"]))
 
     def _set_view(self, **fields: Any) -> None:
-        """Set fields of the view; the skull is whole while somebody draws on it."""
-        self._context.change_view(lambda v: v if v.drawing is not None else replace(v, **fields))
+        self._change_view(lambda view: replace(view, **fields))
+
+    def _change_view(self, change: Callable[[ViewState], ViewState]) -> None:
+        """Change the view; the skull is whole while somebody draws on it."""
+        self._context.change_view(lambda v: v if v.drawing is not None else change(v))
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Write the state of the view for the page."""
@@ -137,6 +141,13 @@ class PageLink:
 
 CUTS: tuple[str, ...] = get_args(CutDirection)
 THEMES = ("light", "dark")
+# What a key asks for: it counts from the view as it is here, and not as the page last heard of it.
+FLIPS: Mapping[str, Callable[[ViewState], ViewState]] = {
+    "all_layers": lambda v: replace(v, all_layers=not v.all_layers),
+    "cut": lambda v: replace(
+        v, cut_direction="off" if v.cut_direction == "lengthwise" else "lengthwise"
+    ),
+}
 
 
 def _cameras(scene: Any) -> tuple[str, ...]:

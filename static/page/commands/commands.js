@@ -54,12 +54,6 @@ function cameras() {
 
 const words = (name) => docked(name)?.textContent.trim();
 
-// Ask for another value of the view; a second press counts from it, also before the view has come.
-export function turn(what, value) {
-  view()[what] = value;
-  act(what, value);
-}
-
 register(
   { id: "start", group: "Step", title: "Run the step", key: "Ctrl+Enter", label: () => words("start") || "Run the step",
     enabled: () => view() && pressable("start"), run: () => docked("start").click() },
@@ -78,14 +72,13 @@ register(
     enabled: () => view() && session().can_redo, run: () => act("redo") },
   { id: "save", group: "Session", title: "Save", key: "Ctrl+S", icon: "save", anywhere: true,
     enabled: view, run: () => act("save") },
-  { id: "cut-off", group: "Cut", title: "No cut", enabled: () => view() && !view().drawing, run: () => turn("cut", "off") },
+  { id: "cut-off", group: "Cut", title: "No cut", enabled: () => view() && !view().drawing, run: () => act("cut", "off") },
   { id: "cut-lengthwise", group: "Cut", title: "Cut lengthwise", key: "X",
-    enabled: () => view() && !view().drawing,
-    run: () => turn("cut", view().cut === "lengthwise" ? "off" : "lengthwise") },
+    enabled: () => view() && !view().drawing, run: () => act("flip", "cut") },
   { id: "cut-crosswise", group: "Cut", title: "Cut crosswise",
-    enabled: () => view() && !view().drawing, run: () => turn("cut", "crosswise") },
+    enabled: () => view() && !view().drawing, run: () => act("cut", "crosswise") },
   { id: "all-layers", group: "Layers", title: "All layers", key: "Y",
-    enabled: view, run: () => turn("all_layers", !view().all_layers) },
+    enabled: view, run: () => act("flip", "all_layers") },
   { id: "report", group: "Session", title: "Report", icon: "report", enabled: session, run: report },
   { id: "screenshot", group: "Scene", title: "Screenshot of the scene", key: "P", icon: "screenshot",
     enabled: view, run: screenshot },

@@ -1,7 +1,7 @@
 // The tool bar: its buttons, and the menus of camera, cut and layers.
 
 import { $, element, follow, program } from "../base.js";
-import { enabled, find, label, run, turn } from "./commands.js";
+import { enabled, find, label, run } from "./commands.js";
 import { icon } from "./icons.js";
 import { act, link } from "../link.js";
 import { Menu, entry, heading, line, tick } from "./menus.js";
@@ -56,7 +56,7 @@ const cut = new Menu($("cut"), (list) => {
     const made = element("label", "", "entry"), choice = document.createElement("input");
     Object.assign(choice, { type: "radio", name: "cut", checked: view.cut === name, disabled: off });
     choice.dataset.key = name;
-    choice.addEventListener("change", () => turn("cut", name));
+    choice.addEventListener("change", () => act("cut", name));
     made.append(choice, element("span", words));
     list.append(made);
   }
@@ -88,7 +88,7 @@ const offset = (mm) => `${mm.toFixed(1)} mm`;
 
 const layers = new Menu($("layers"), (list) => {
   const view = link.view;
-  tick(list, "All layers", view.all_layers, (on) => turn("all_layers", on), { more: "Y" });
+  tick(list, "All layers", view.all_layers, (on) => act("all_layers", on), { more: "Y" });
   line(list);
   for (const { name, title, shown, needed } of view.layers) {
     tick(list, title, shown, (on) => act("layer", { name, shown: on }),

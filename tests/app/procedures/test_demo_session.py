@@ -102,7 +102,7 @@ def even(plan):
 def test_every_result_of_the_demo_session_recomputes(session):
     fresh = recompute(session).results
     names = [name for name in REGISTRY.replayed if fresh.get(name) is not None]
-    assert len(names) == 15
+    assert len(names) == 16
     plans = [even(results.get("milling").value) for results in (session.results, fresh)]
     for before, again, close in zip(*plans, CLOSE_OF_MILLING, strict=True):
         apart = compare(before, again)

@@ -79,6 +79,8 @@ def test_the_procedure_completes_within_the_goals(demo):
     assert len(by_hand) == 7
     of_bed = {key for key in figures if key.startswith("bed_")}  # nobody asked for one
     assert len(of_bed) == 4
+    of_burr = {key for key in figures if key.startswith("burr_")}  # nor registered it
+    assert len(of_burr) == 2
     of_rehearsal = {key for key in figures if key.startswith("rehearsal_")}
     assert len(of_rehearsal) == 5
     assert nothing == {
@@ -88,6 +90,7 @@ def test_the_procedure_completes_within_the_goals(demo):
         "references_reason",
         "milling_reason",
         *of_bed,
+        *of_burr,
         *of_rehearsal,
         *of_loaded,
         *by_hand,

@@ -118,6 +118,18 @@ def test_what_the_page_asks_for_is_done_in_order_with_the_rest(page: Page) -> No
     assert all(parts["brand_color"] == theme.BRAND for parts in page.themes)
 
 
+def test_a_key_counts_from_the_view_as_it_is_whatever_the_page_has_heard(page: Page) -> None:
+    seen = []
+    for _ in range(3):
+        page.ask("flip", "all_layers")
+        page.ask("flip", "cut")
+        seen.append((page.recorder.shown.all_layers, page.recorder.shown.cut_direction))
+    assert seen == [(True, "lengthwise"), (False, "off"), (True, "lengthwise")]
+    page.ask("cut", "crosswise")
+    page.ask("flip", "cut")
+    assert page.recorder.shown.cut_direction == "lengthwise"
+
+
 def test_the_skull_is_whole_while_somebody_draws(page: Page) -> None:
     page.recorder.shown = ViewState(drawing="path")
     page.ask("cut", "crosswise")
@@ -141,6 +153,7 @@ def test_an_echo_of_our_own_write_does_nothing(page: Page) -> None:
         ("layer", {"name": "walls", "shown": True}),
         ("layer", "skull"),
         ("all_layers", 1),
+        ("flip", "step"),
         ("cut", "across"),
         ("cut_offset", 60.1),
         ("cut_offset", float("nan")),

@@ -12,6 +12,7 @@ from rona_core.devices.protocols import Motion, Robot
 from rona_core.devices.samples import JointSample, JointTrack, ToolTrack, TrackerFrame
 from rona_core.geometry.arrays import readonly
 from rona_core.robot.collision.obstacles import Obstacles
+from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.planning.calibration_motion import ToolMotion
 from rona_core.session.captures import ToolCapture
 from rona_core.session.document import Session
@@ -27,6 +28,7 @@ def freely(robot: Robot, plan: ToolMotion) -> Motion:
 def record_tool_motion(
     kind: str,
     plan: ToolMotion,
+    model: RobotModel,
     around: Obstacles,
     session: Session,
     context: ActivityContext,
@@ -37,6 +39,7 @@ def record_tool_motion(
     Args:
         kind: Name of the capture.
         plan: The motion.
+        model: The robot with the tool that it holds.
         around: What it was certified among.
         session: With the set-up.
         context: With the devices.
@@ -47,7 +50,7 @@ def record_tool_motion(
         CancelledError: somebody pressed Cancel or Stop on the way there.
     """
     require_certified("the tool motion", plan.certificate, plan, around)
-    drive_to(plan.qs_rad[0], session, context)
+    drive_to(plan.qs_rad[0], session, context, model)
     ordinal = begin(session, context)
     motion = start(context.rig.robot, plan)
     joints: list[JointSample] = []

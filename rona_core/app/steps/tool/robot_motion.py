@@ -99,8 +99,12 @@ def require_certified(
     raise NotReachableError(f"{what} is refused: {reasons}")
 
 
-def drive_to(q_rad: Floats, session: Session, context: ActivityContext) -> None:
+def drive_to(
+    q_rad: Floats, session: Session, context: ActivityContext, model: RobotModel | None = None
+) -> None:
     """Move the robot to joint angles (6,) on verified motions, around what stands in the way.
+
+    ``model`` has the tool that is in its hand; without, that is the probe.
 
     Raises:
         NotReachableError: there is no such motion, or the verifier refuses it; it says why.
@@ -108,7 +112,7 @@ def drive_to(q_rad: Floats, session: Session, context: ActivityContext) -> None:
     """
     if context.cancel():  # while what the robot is to do was planned
         raise CancelledError(STOPPED)
-    model = robot_model(session.setup.devices.robot.model)
+    model = model or robot_model(session.setup.devices.robot.model)
     begin(session, context)
     start = context.rig.robot.state().q_rad
     if same_place(start, q_rad):

@@ -34,7 +34,7 @@ def capture_tool(
         ),
         obstacles=around,
     )
-    return record_tool_motion("tool", plan, around, session, context)
+    return record_tool_motion("tool", plan, model, around, session, context)
 
 
 def _summary(session: Session) -> str:

@@ -39,7 +39,7 @@ def capture_burr(
     )
     plan = plan_tool_motion(model, settings, obstacles=around)
     _require_seated(plan, model)
-    return record_tool_motion("burr", plan, around, session, context, start=_in_seat)
+    return record_tool_motion("burr", plan, model, around, session, context, start=_in_seat)
 
 
 def _in_seat(robot: Robot, plan: ToolMotion) -> Motion:
