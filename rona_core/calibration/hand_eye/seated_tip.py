@@ -1,11 +1,11 @@
-"""Tip of a tool on the flange, from a robot that turns it about a seat which holds the tip.
+"""Tool centre point (TCP) on the flange, by turning the tool about a seat that holds its tip.
 
     T_base_tip(i) offset = seat        for every pose i
 
 Linear in both unknowns, the offset of the true tip in the frame ``tip`` that the robot believes,
 and the seat in ``base``. Industrial robots calibrate the centre of a tool so (the fixed-point or
-four-point method). A tracker that sees a marker on the tool cannot take its place: a marker on the
-flange moves as the flange does, wherever the tip is. Only the seat knows where the tip is.
+four-point method, Mooring 1991). A tracker that sees a marker on the tool cannot take its place: a
+marker on the flange moves as the flange does, wherever the tip is. Only the seat knows where it is.
 """
 
 from dataclasses import dataclass

@@ -31,7 +31,7 @@ class BandedMatrix:
         blas.daxpy(other.bands.ravel(order="K"), bands.ravel(order="K"), a=factor)  # in place
         return BandedMatrix(bands)
 
-    def hold(self) -> None:
+    def regularize(self) -> None:
         """Make the diagonal so much larger as rounding asks for."""
         largest = max(float(self.bands.max()), -float(self.bands.min()), 1.0)
         self.bands[0] += ROUNDING * largest

@@ -130,7 +130,7 @@ def fit_field(
     operator = grid.operator(places_mm)
     weighted = operator.T.multiply(weights).tocsr()
     information = grid.banded((weighted @ operator).tocsr())
-    information.hold()
+    information.regularize()
     trend = fit_quadric(places_mm, heights_mm)
     over = heights_mm - trend.heights(places_mm)
     right = np.asarray(weighted @ over)
@@ -195,7 +195,7 @@ def joined(plate: PlateField, more: SurfaceSamples) -> PlateField:
     across = operator_more.T.multiply(more.weights * more.upright).tocsr()
     seen = across @ operator_more.multiply(more.upright[:, None])
     information = grid.banded((weighted @ operator + seen).tocsr())
-    information.hold()
+    information.regularize()
     stiff = plate.stiffness / plate.scatter_mm**2
     bend = bending(*grid.shape, grid.step_mm)
     factor = information.plus(stiff, bend, overwrite=True).cholesky(overwrite=True)

@@ -91,9 +91,9 @@ def follow_constant_rolls(grid: RollGrid) -> ConstantRolls:
     first = np.where(least < 0.0, (margins < 0.0).argmax(axis=2), n)
     branches = np.array([best_branch(least[:, i], first[:, i]) for i in range(count)], np.int64)
     rolls = np.arange(count)
-    worse = least >= 0.0
-    worse[branches, rolls] = False
-    on, of = np.nonzero(worse)
+    feasible_elsewhere = least >= 0.0
+    feasible_elsewhere[branches, rolls] = False
+    on, of = np.nonzero(feasible_elsewhere)
     curves = constant_roll_curves(grid, of, on)
     others = {
         (roll, branch): FollowedRoll(curves[:, i], margins[branch, roll])

@@ -1,10 +1,8 @@
 """Compute speed of sound and delay line from their captures, and use them where they are known."""
 
-from typing import TypeVar
-
 from rona_core.app.declarations.declarations import Input
 from rona_core.app.dependencies.inputs import require_result
-from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.dependencies.judged import usable
 from rona_core.app.steps.acoustics.messages import CalibrateDelayLine, CalibrateSoundSpeed
 from rona_core.app.steps.scan.probe_mounting import known_mounting
 from rona_core.app.steps.scan.probe_poses import probe_poses_of
@@ -12,7 +10,7 @@ from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Poses
 from rona_core.mapping.build_maps import boundary_points
-from rona_core.session.document import Derived, Session
+from rona_core.session.document import Session
 from rona_core.ultrasound.acoustic_calibration.delay_line import (
     DelayLine,
     calibrate_delay_line,
@@ -26,8 +24,6 @@ from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
 )
 from rona_core.ultrasound.detection.detect import NOMINAL_SPEED_MM_PER_US, Detection
 from rona_core.ultrasound.probe.probe_model import ProbeModel, probe_model
-
-T = TypeVar("T", DelayLine, SpeedCalibration)
 
 
 def derive_speed(session: Session, message: CalibrateSoundSpeed) -> SpeedCalibration:
@@ -120,18 +116,12 @@ def require_point(detection: Detection, scan: int) -> None:
 
 def usable_line(session: Session) -> DelayLine | None:
     """Return the calibrated delay line, unless it is stale or bad."""
-    return _usable("line", session.results.line, session)
+    return usable("line", session.results.line, session)
 
 
 def usable_speed(session: Session) -> SpeedCalibration | None:
     """Return the calibrated speed of sound, unless it is stale or bad."""
-    return _usable("speed", session.results.speed, session)
-
-
-def _usable(name: str, made: Derived[T] | None, session: Session) -> T | None:
-    if made is None or made.value.verdict == "bad" or stale_reason(name, session):
-        return None
-    return made.value
+    return usable("speed", session.results.speed, session)
 
 
 KNOWN_LINE = Input(usable_line, "calibrate the delay line (step 1)", optional=True)

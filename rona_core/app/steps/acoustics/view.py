@@ -4,6 +4,7 @@ from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from typing import Any
 
+from rona_core.app.dependencies.judged import Judged
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.acoustics.thickness_uncertainty import (
     ReferenceGain,
@@ -35,14 +36,6 @@ __all__ = [
 ]
 PUBLISHED_WORDS = f"± {100 * PATIENTS_SHARE:.0f} % between studies and patients"
 EDITABLE = ("centre_mhz", "bandwidth", "aperture_mm", "line_length_mm", "pulse_shape")
-
-
-@dataclass(frozen=True, slots=True)
-class Judged:
-    """One line about a result, and whether it is good, weak, bad or stale."""
-
-    sentence: str
-    verdict: str
 
 
 @dataclass(frozen=True, slots=True)

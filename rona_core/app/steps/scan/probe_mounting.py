@@ -6,6 +6,7 @@ import numpy as np
 
 from rona_core.app.declarations.declarations import ActivityContext, Input
 from rona_core.app.dependencies.inputs import capture_input, require_result
+from rona_core.app.dependencies.judged import Judged, usable
 from rona_core.app.dependencies.staleness import capture_setup_digest, stale_reason
 from rona_core.app.runtime.handling import compute_result
 from rona_core.app.runtime.recording import begin
@@ -77,24 +78,13 @@ def calibrate_probe_mounting(message: CalibrateProbeMounting, session: Session) 
 
 def known_mounting(session: Session) -> ProbeMounting | None:
     """Return the mounting of the robot's probe, unless it is stale or bad."""
-    made = session.results.get("mounting")
-    if made is None or made.value.verdict == "bad" or stale_reason("mounting", session):
-        return None
-    return made.value
+    return usable("mounting", session.results.get("mounting"), session)
 
 
 KNOWN_MOUNTING = Input(known_mounting, "calibrate the mounting (step 8)", optional=True)
 
 
-@dataclass(frozen=True, slots=True)
-class MountingView:
-    """One line about the mounting of the probe, and whether it is good, bad or stale."""
-
-    sentence: str
-    verdict: str
-
-
-def mounting_view(session: Session) -> MountingView | None:
+def mounting_view(session: Session) -> Judged | None:
     """Return what is known of the mounting of the robot's probe; None without a calibration."""
     held = session.results.get("mounting")
     if held is None:
@@ -107,5 +97,5 @@ def mounting_view(session: Session) -> MountingView | None:
     )
     reason = stale_reason("mounting", session)
     if reason is not None:
-        return MountingView(f"{words}. Not used: {reason}.", "stale")
-    return MountingView(f"{'; '.join((words, *found.reasons))}.", found.verdict)
+        return Judged(f"{words}. Not used: {reason}.", "stale")
+    return Judged(f"{'; '.join((words, *found.reasons))}.", found.verdict)

@@ -1,23 +1,14 @@
 """What is known of the burr's tip, in words."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
+from rona_core.app.dependencies.judged import Judged
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.implant.burr.registration import BurrRegistration
 from rona_core.session.document import Session
 
 
-@dataclass(frozen=True, slots=True)
-class BurrView:
-    """One line about the tip of the burr, and whether that is good, weak, bad or stale."""
-
-    sentence: str
-    verdict: str
-
-
-def burr_view(session: Session) -> BurrView | None:
+def burr_view(session: Session) -> Judged | None:
     """Return what is known of the tip of the burr; None where it was not registered."""
     held = session.results.get("burr")
     if held is None:
@@ -30,9 +21,7 @@ def burr_view(session: Session) -> BurrView | None:
     )
     reason = stale_reason("burr", session)
     if reason is not None:
-        return BurrView(f"{words}. Not used: {reason}.", "stale")
+        return Judged(f"{words}. Not used: {reason}.", "stale")
     if found.verdict == "bad":
-        return BurrView(f"{'; '.join((words, *found.reasons))}. Not used.", "bad")
-    return BurrView(
-        f"{'; '.join((words, *found.reasons))}. The milling is corrected.", found.verdict
-    )
+        return Judged(f"{'; '.join((words, *found.reasons))}. Not used.", "bad")
+    return Judged(f"{'; '.join((words, *found.reasons))}. The milling is corrected.", found.verdict)
