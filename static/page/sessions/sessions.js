@@ -11,6 +11,8 @@ const RECENT = 5; // files in the menu; the start page has all
 let files = [];
 
 const current = () => program.state?.session;
+// The session in sight as the program holds it now; what streams in may be a moment older.
+const held = async () => (current() ? ask(`/sessions/${current().id}`) : null);
 
 // ---------------------------------------------------------------- questions
 
@@ -35,7 +37,7 @@ onEscape(() => { const was = $("leave").open; if (was) $("leavecancel").click();
 
 // Put another session in sight by `work()`; ask first where the present one is not saved.
 export async function leaveFor(words, work) {
-  const session = current();
+  const session = await held();
   if (session?.changes) {
     const answer = await question(`Save “${session.name}” first?`,
       `“${session.name}” has unsaved changes. You are about to ${words}. Without saving, “${session.name}” `
@@ -59,7 +61,8 @@ export function openUpload(file) {
 }
 
 async function closeSession() {
-  const { id, name, changes } = current(), busy = program.state.jobs.length > 0;
+  const { id, name, changes } = await held();
+  const busy = (await ask("/jobs")).some((job) => job.session === id && !job.finished);
   if (changes || busy) {
     const why = changes ? "has unsaved changes" : "has a running job";
     const loses = changes ? "the changes are lost" : "the job is cancelled";
@@ -171,11 +174,11 @@ function fill(list) {
 }
 
 const menu = new Menu($("sessionbutton"), fill);
-let held = "";
+let listed = "";
 follow("status", async (state) => {
   const now = JSON.stringify(state.sessions.map(({ id, name, changes, file, saved }) => [id, name, changes, file, saved]));
-  if (now === held) return;
-  held = now;
+  if (now === listed) return;
+  listed = now;
   try { files = (await ask("/files")).files; } catch { files = []; } // the start page tells why
   menu.refill();
 });

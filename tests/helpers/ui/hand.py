@@ -29,6 +29,7 @@ SCALE = """(p) => {
   const height = m.canvas.getBoundingClientRect().height;
   return height / 2000 * m.camera.projectionMatrix.elements[5] / depth;
 }"""
+UNFOLDED = "(title) => title.nextElementSibling.style.overflow !== 'hidden'"
 CAMERA = "() => window.__viserMutable.camera.matrixWorld.elements.map((e) => e.toFixed(4)).join()"
 
 
@@ -154,5 +155,7 @@ def carry_out(surgeon: Surgeon, words: str) -> None:
 
 
 def unfold(surgeon: Surgeon, name: str) -> None:
-    """Click a folder of the docks that is closed."""
-    surgeon.frame.get_by_text(name, exact=True).filter(visible=True).first.click()
+    """Click a folder of the docks that is closed, and wait until it has stopped to grow."""
+    title = surgeon.frame.get_by_text(name, exact=True).filter(visible=True).first
+    title.click()
+    wait_for(lambda: title.evaluate(UNFOLDED), f"{name} to unfold")  # what moves is missed
