@@ -11,7 +11,7 @@ from rona_core.planning.placement.chance import scores
 from rona_core.planning.placement.evaluate import judge_placement
 from rona_core.planning.placement.figures import PlacementFigures, Shortfall, objective
 from rona_core.planning.placement.problem import PlacementProblem
-from rona_core.planning.placement.residuals import judge_screw, residuals, screw_end
+from rona_core.planning.placement.residuals import beyond_screws, residuals, screw_places
 from rona_core.planning.placement.screening import Screen
 from rona_core.planning.placement.seat import Placement, lay_seats, tilted
 from rona_core.planning.placement.settings import SearchGrid
@@ -113,16 +113,16 @@ class Candidates:
         for i in range(len(k)):
             T_map_bed = tilted(seats, i, self._placement(k[i], a[i], t[i]))
             floor_map, rim_map = T_map_bed @ solid.floor, T_map_bed @ rim
-            ends = [screw_end(bone, T_map_bed, screw) for screw in solid.screws]
-            touched = np.concatenate((floor_map, rim_map, *ends))[:, :2]
+            screws_map = screw_places(bone, T_map_bed, solid.screws)
+            touched = np.concatenate((floor_map, rim_map, screws_map.reshape(-1, 3)))[:, :2]
             if not bone.covered(touched).all():
                 yield -np.inf, -np.inf
                 continue
             drawn, mapped = residuals(self.problem, T_map_bed, floor_map)
             score = float(scores(drawn.min(axis=0), limit))
-            for screw, end in zip(solid.screws, ends, strict=True):
-                judged = judge_screw(self.problem, T_map_bed, screw, end)
-                score = min(score, judged.chance.score)
+            if solid.screws:
+                beyond, _ = beyond_screws(self.problem, T_map_bed, screws_map)
+                score = min(score, float(scores(beyond.T, 0.0).min()))
             yield score, float(mapped.min())
 
     def _placement(self, k: int, a: int, t: int) -> Placement:

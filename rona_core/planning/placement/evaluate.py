@@ -14,7 +14,7 @@ from rona_core.planning.placement.figures import (
     objective,
 )
 from rona_core.planning.placement.problem import PlacementProblem
-from rona_core.planning.placement.residuals import judge_screw, residuals, screw_end
+from rona_core.planning.placement.residuals import judge_screws, residuals, screw_places
 from rona_core.planning.placement.seat import Placement, lay_seats, tilted
 from rona_core.planning.placement.settings import PlacementLimits
 from rona_core.planning.placement.solid_points import SolidPoints
@@ -57,13 +57,13 @@ def judge_placement(
     rim_mm = seats.rim_mm[0] - lift
     floor_map = T_map_bed @ solid.floor
     rim_map = T_map_bed @ np.column_stack((solid.rim, np.zeros(len(solid.rim))))
-    ends = [screw_end(bone, T_map_bed, screw) for screw in solid.screws]
-    touched = np.concatenate((floor_map, rim_map, *ends))[:, :2]
+    screws_map = screw_places(bone, T_map_bed, solid.screws)
+    touched = np.concatenate((floor_map, rim_map, screws_map.reshape(-1, 3)))[:, :2]
     zone_mm = float(problem.zone_clearance_mm(touched).min())
     covered, unmapped_mm, left = bool(bone.covered(touched).all()), 0.0, None
     if covered:
         unmapped_mm = float((bone.operator(touched) @ bone.unmapped_mm.ravel()).min())
-        left = _left(problem, solid, T_map_bed, floor_map, ends)
+        left = _left(problem, solid, T_map_bed, floor_map, screws_map)
     rim = float(np.abs(rim_mm).max())
     shortfall, value = _rank(limits, left, rim, unmapped_mm, zone_mm)
     return PlacementFigures(
@@ -103,15 +103,14 @@ def _left(
     solid: SolidPoints,
     T_map_bed: Pose,
     floor_map: Floats,
-    ends: list[Floats],
+    screws_map: Floats,
 ) -> _Left:
     """Return the residual of a bed and the bone at its screws."""
     drawn, mapped = residuals(problem, T_map_bed, floor_map)
     thinnest = int(np.argmin(mapped))
-    screws = zip(solid.screws, ends, strict=True)
     return _Left(
         chance=chance_above(drawn.min(axis=0), problem.limits.residual_mm),
         residual_mm=float(mapped[thinnest]),
         thinnest_map=readonly(floor_map[thinnest].copy()),
-        screws=tuple(judge_screw(problem, T_map_bed, screw, end) for screw, end in screws),
+        screws=judge_screws(problem, T_map_bed, solid.screws, screws_map),
     )

@@ -51,6 +51,15 @@ class MappedBone:
         corner = np.clip(np.floor(cells), 0, np.array(self.shape) - 2).astype(np.int64)
         return corner, cells - corner
 
+    def outer_at(self, places_mm: Floats) -> Floats:
+        """Return the outer map at places (..., 2), bilinearly."""
+        corner, share = self.corners(places_mm)
+        u, v, columns = share[..., 0], share[..., 1], self.shape[1]
+        first, height = corner[..., 0] * columns + corner[..., 1], self.outer.height_mm.ravel()
+        low = (1 - v) * height[first] + v * height[first + 1]
+        high = (1 - v) * height[first + columns] + v * height[first + columns + 1]
+        return (1 - u) * low + u * high
+
     def operator(self, places_mm: Floats) -> csr_matrix:
         """Return the matrix (n, nu nv) that takes a field to places (n, 2), bilinearly."""
         corner, share = self.corners(places_mm)

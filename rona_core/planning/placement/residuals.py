@@ -1,5 +1,7 @@
 """Bone left below a bed and below its screws, in the map and in all draws."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from rona_core.geometry.arrays import Floats
@@ -11,7 +13,8 @@ from rona_core.planning.placement.mapped_bone import MappedBone
 from rona_core.planning.placement.problem import PlacementProblem
 from rona_core.planning.placement.solid_points import SolidPoints
 
-TIP_TURNS = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)  # around the end of a screw
+TURNS_RAD = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
+AROUND = np.column_stack((np.cos(TURNS_RAD), np.sin(TURNS_RAD)))  # the end of a screw, in radii
 ROUNDS = 4  # of finding the outer boundary along a screw: the map is flat, each gains a digit
 
 
@@ -43,48 +46,60 @@ def margins(problem: PlacementProblem, T_map_bed: Pose, solid: SolidPoints) -> F
     """Return the least bone over what is required, below a bed or beyond a screw, in draws (n,)."""
     drawn, _ = residuals(problem, T_map_bed, T_map_bed @ solid.floor)
     least = drawn.min(axis=0) - problem.limits.residual_mm
-    for screw in solid.screws:
-        end = screw_end(problem.bone, T_map_bed, screw)
-        least = np.minimum(least, beyond_screw(problem, T_map_bed, end)[0])
-    return least
+    if not solid.screws:
+        return least
+    places_map = screw_places(problem.bone, T_map_bed, solid.screws)
+    return np.minimum(least, beyond_screws(problem, T_map_bed, places_map)[0].min(axis=0))
 
 
-def screw_end(bone: MappedBone, T_map_bed: Pose, screw: Screw) -> Floats:
-    """Return where a screw goes in, then places around its end (1 + 9, 3), in ``map``.
+def screw_places(bone: MappedBone, T_map_bed: Pose, screws: Sequence[Screw]) -> Floats:
+    """Return where s screws go in, then places around the end of each (s, 1 + 9, 3), in ``map``.
 
-    It goes in where its axis meets the outer map.
+    A screw goes in where its axis meets the outer map.
     """
+    heads = np.array([(screw.x_mm, screw.y_mm, 0.0) for screw in screws]).reshape(-1, 3)
     axis_map = T_map_bed.rotation[:, 2]
-    start = T_map_bed @ np.array((screw.x_mm, screw.y_mm, 0.0))
+    start = T_map_bed @ heads
     for _ in range(ROUNDS):
-        surface = float((bone.operator(start[None, :2]) @ bone.outer.height_mm.ravel())[0])
-        start = start + (surface - start[2]) / axis_map[2] * axis_map
-    radius = 0.5 * screw.diameter_mm
-    ring = np.column_stack(
-        (radius * np.cos(TIP_TURNS), radius * np.sin(TIP_TURNS), np.zeros(len(TIP_TURNS)))
+        start += ((bone.outer_at(start[:, :2]) - start[:, 2]) / axis_map[2])[:, None] * axis_map
+    length = np.array([screw.length_mm for screw in screws])
+    radius = np.array([0.5 * screw.diameter_mm for screw in screws])
+    ends = np.zeros((len(screws), 1 + len(AROUND), 3))
+    ends[:, 1:, :2] = radius[:, None, None] * AROUND
+    ends[:, :, 2] -= length[:, None]
+    return np.concatenate((start[:, None], start[:, None] + T_map_bed.rotate(ends)), axis=1)
+
+
+def judge_screws(
+    problem: PlacementProblem, T_map_bed: Pose, screws: Sequence[Screw], places_map: Floats
+) -> tuple[ScrewFigures, ...]:
+    """Return the bone at s screws, whose entries and ends (s, 1 + 9, 3) are given."""
+    if not screws:
+        return ()
+    drawn, mapped = beyond_screws(problem, T_map_bed, places_map)
+    return tuple(
+        ScrewFigures(screw, screw.length_mm + float(more), chance_above(beyond, 0.0))
+        for screw, beyond, more in zip(screws, drawn, mapped, strict=True)
     )
-    end = np.vstack((np.zeros(3), ring)) - (0.0, 0.0, screw.length_mm)
-    return np.vstack((start, start + T_map_bed.rotate(end)))
 
 
-def judge_screw(
-    problem: PlacementProblem, T_map_bed: Pose, screw: Screw, places_map: Floats
-) -> ScrewFigures:
-    """Return the bone at a screw, whose entry and end (1 + 9, 3) are given.
-
-    It rides on the true outer boundary, wherever that is: the depth of the bed does not matter.
-    """
-    beyond, mapped_mm = beyond_screw(problem, T_map_bed, places_map)
-    return ScrewFigures(screw, screw.length_mm + mapped_mm, chance_above(beyond, 0.0))
-
-
-def beyond_screw(
+def beyond_screws(
     problem: PlacementProblem, T_map_bed: Pose, places_map: Floats
-) -> tuple[Floats, float]:
-    """Return the bone beyond the end of a screw in draws (n,) and in the map, see `judge_screw`."""
-    bone = problem.bone
-    entry = bone.operator(places_map[:1, :2])
-    outer_off = (entry @ bone.outer_draws - entry @ bone.outer.height_mm.ravel())[0]
-    drawn, mapped = residuals(problem, T_map_bed, places_map[1:])
+) -> tuple[Floats, Floats]:
+    """Return the bone beyond the ends of s screws, in draws (s, n) and in the map (s,).
+
+    A screw rides on the true outer boundary, wherever that is: the depth of the bed does not
+    matter.
+
+    Args:
+        problem: Bone and errors of execution.
+        T_map_bed: Of the bed.
+        places_map: Entries and ends (s, 1 + 9, 3), see ``screw_places``.
+    """
+    bone, (count, each, _) = problem.bone, places_map.shape
+    entry = bone.operator(places_map[:, 0, :2])
+    outer_off = entry @ bone.outer_draws - (entry @ bone.outer.height_mm.ravel())[:, None]
+    drawn, mapped = residuals(problem, T_map_bed, places_map[:, 1:].reshape(-1, 3))
+    least = drawn.reshape(count, each - 1, -1).min(axis=1)
     depth_error = T_map_bed.rotation[2, 2] * problem.errors_bed[2]
-    return drawn.min(axis=0) + outer_off - depth_error, float(mapped.min())
+    return least + outer_off - depth_error, mapped.reshape(count, -1).min(axis=1)

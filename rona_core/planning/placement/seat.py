@@ -48,11 +48,11 @@ def lay_seats(bone: MappedBone, rim: Floats, places_mm: Floats, angles_rad: Floa
     heights, rotations = slopes[:, 0], _rotations(slopes, along)
     for _ in range(ROUNDS):
         across = np.swapaxes(rotations[:, :2, :2] @ rim.T, 1, 2)
-        surface = _outer(bone, places_mm[:, None] + across)
+        surface = bone.outer_at(places_mm[:, None] + across)
         heights, slopes = _planes(across, surface)
         rotations = _rotations(slopes, along)
     across = np.swapaxes(rotations[:, :2, :2] @ rim.T, 1, 2)
-    surface = _outer(bone, places_mm[:, None] + across)
+    surface = bone.outer_at(places_mm[:, None] + across)
     above = surface - heights[:, None] - (across @ slopes[:, :, None])[..., 0]
     translations = np.column_stack((places_mm, heights))
     return Seats(rotations, translations, above * rotations[:, 2, 2, None])
@@ -62,16 +62,6 @@ def tilted(seats: Seats, k: int, placement: Placement) -> Pose:
     """Return the frame ``bed`` of one seat with the tilt of a placement, in ``map``."""
     tilt = Pose.from_rotvec((placement.tilt_x_rad, placement.tilt_y_rad, 0.0))
     return Pose(seats.rotations[k] @ tilt.rotation, seats.translations[k])
-
-
-def _outer(bone: MappedBone, places_mm: Floats) -> Floats:
-    """Return the outer map at places (k, m, 2), bilinearly."""
-    corner, share = bone.corners(places_mm)
-    u, v, columns = share[..., 0], share[..., 1], bone.shape[1]
-    first, height = corner[..., 0] * columns + corner[..., 1], bone.outer.height_mm.ravel()
-    low = (1 - v) * height[first] + v * height[first + 1]
-    high = (1 - v) * height[first + columns] + v * height[first + columns + 1]
-    return (1 - u) * low + u * high
 
 
 def _planes(across: Floats, surface: Floats) -> tuple[Floats, Floats]:
