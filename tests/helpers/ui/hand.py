@@ -21,6 +21,8 @@ HANDLES = """(places) => {
     return [box.left + (v.x + 1) / 2 * box.width, box.top + (1 - v.y) / 2 * box.height];
   });
 }"""
+HANDLES_SHOWN = """() => '/pivot_handles' in window.__viserSceneTree.getState()
+  && Boolean(window.__viserMutable.nodeRefFromName['/pivot_handles'])"""
 # pixels of the page that a millimetre takes at a place in base (mm), across the view
 SCALE = """(p) => {
   const m = window.__viserMutable, node = m.nodeRefFromName['/skull'];
@@ -71,11 +73,15 @@ def pick_region(surgeon: Surgeon, offset_mm: tuple[float, float, float]) -> np.n
 
 
 def pivot(surgeon: Surgeon, size_m: float) -> None:
-    """Tilt the pointer about its tip to and fro, by two of its three handles."""
-    surgeon.frame.wait_for_function(
-        "() => '/pivot_handles' in window.__viserSceneTree.getState()"
-        " && window.__viserMutable.nodeRefFromName['/pivot_handles']"
-    )
+    """Pivot the pointer by hand: tilt it about its tip to and fro, by two of its three handles.
+
+    On a slow machine the time of the recording may be over before they are there.
+    """
+    start(surgeon, "Pivot by hand")
+    there = lambda: surgeon.frame.evaluate(HANDLES_SHOWN)  # noqa: E731
+    wait_for(lambda: there() or surgeon.ask("/jobs")[-1]["finished"], "the handles")
+    if not there():
+        return
     time.sleep(PAUSE_S)  # the camera sets out for its view of the pointer
     camera_rests(surgeon)
     mouse, box = surgeon.page.mouse, surgeon.page.locator("iframe#viewer").bounding_box()
@@ -139,8 +145,8 @@ def draw_meander(
     return drawn
 
 
-def carry_out(surgeon: Surgeon, words: str) -> None:
-    """Click a button that starts a job, and wait until that has ended well."""
+def start(surgeon: Surgeon, words: str) -> None:
+    """Click a button that starts a job, and wait until that is under way."""
     before = len(surgeon.ask("/jobs"))
     surgeon.button(words).click()
     try:
@@ -148,6 +154,11 @@ def carry_out(surgeon: Surgeon, words: str) -> None:
     except AssertionError as error:
         notes = surgeon.frame.locator(".r-note").all_inner_texts()
         raise AssertionError(f"{error}; the docks say {notes}") from None
+
+
+def carry_out(surgeon: Surgeon, words: str) -> None:
+    """Click a button that starts a job, and wait until that has ended well."""
+    start(surgeon, words)
     wait_for(lambda: surgeon.ask("/jobs")[-1]["finished"], f"{words} to end")
     job = surgeon.ask("/jobs")[-1]
     assert job["state"] == "done", job

@@ -134,7 +134,6 @@ def test_ten_steps_by_hand_with_the_mouse_alone_then_saved_and_opened_again(
     surgeon.picture("tool")
     surgeon.open_step("Pointer")
     for _ in range(3):  # again, if a handle slipped out of the hand
-        surgeon.button("Pivot by hand").click()
         hand.pivot(surgeon, HANDLES_MM / 1000.0)
         surgeon.picture("pointer")
         if surgeon.button("Finish and calibrate").is_visible():  # or its time was over before
