@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.suites.accuracy import accuracy, gap_fusion, judged_maps, map_cost
+from benchmarks.suites.accuracy import accuracy, judged_maps, map_cost
 from rona_core.compose import build_virtual_rig
 from rona_core.evaluation.truth import truth_of
 from rona_core.session.document import Session
@@ -59,19 +59,3 @@ def test_a_survey_lies_in_rows_on_a_dome():
     assert len(np.unique(samples[:, 0])) == map_cost.SIDE_MM / map_cost.PITCH_MM
     assert np.ptp(np.diff(np.unique(samples[:, 1]))) < 1e-9
     assert samples[:, 2].max() < 1.0
-
-
-def test_what_two_places_leave_is_less_than_either_is_off_by():
-    assert gap_fusion.least_slide_mm(0.3, 0.4) == pytest.approx(0.24)
-    rng = np.random.default_rng(0)
-    cloud, of_map = rng.normal(0.0, (0.3, 0.4), (200_000, 2)).T
-    best = min(np.std(cloud + k * (of_map - cloud)) for k in np.linspace(0.0, 1.0, 101))
-    assert best == pytest.approx(0.24, rel=0.01)
-
-
-def test_a_map_slides_by_how_the_probe_sits_across_its_axis():
-    session = load_session(demo_session())
-    truth = truth_of(session, build_virtual_rig(session.setup).scene)
-    found = gap_fusion.fusion_figures(session, truth)
-    across = np.linalg.norm(truth.scene.world.clamping.translation[:2]) / 2.0**0.5  # of one axis
-    assert found.map_slide_mm == pytest.approx(across, rel=0.1)

@@ -173,10 +173,6 @@ def _fusion(kind: str, made: Sequence[Made]) -> Iterator[Metric]:
     goals = (0.1, 1.35) if ratios else (None, None)
     yield Metric(f"{kind}: slide of the cloud", slide, "mm", "lower", goals[0])
     yield Metric(f"{kind}: slide, not corrected", before, "mm", "lower")
-    of_map = _rms([one.map_slide_mm for one in known])
-    yield Metric(f"{kind}: slide of the map itself", of_map, "mm", "lower")
-    least = gap_fusion.least_slide_mm(before, of_map) if before and of_map else None
-    yield Metric(f"{kind}: least slide that both allow", least, "mm", "lower")
     yield Metric(f"{kind}: slide, mean squared ratio to stated", ratio, "1", "lower", goals[1])
 
 

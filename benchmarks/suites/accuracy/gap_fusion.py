@@ -6,7 +6,6 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from rona_core.app.steps.maps.accuracy.probe_place import cloud_prior
-from rona_core.app.steps.scan.probe_poses import probe_poses_of
 from rona_core.evaluation.figures import rms
 from rona_core.evaluation.maps.map_metrics import cells as cells_of
 from rona_core.evaluation.maps.map_metrics import outer_errors_mm
@@ -32,7 +31,6 @@ class FusionFigures:
     slide_mm: float | None  # of the corrected cloud along the bone, RMS of both axes
     slide_uncorrected_mm: float | None
     slide_ratio: float | None  # mean of (slide / stated)^2 of both axes
-    map_slide_mm: float | None  # of the map itself, by how the probe sits across its axis
 
 
 def fusion_figures(session: Session, truth: Truth) -> FusionFigures | None:
@@ -75,17 +73,7 @@ def fusion_figures(session: Session, truth: Truth) -> FusionFigures | None:
         slide_mm=slide,
         slide_uncorrected_mm=uncorrected,
         slide_ratio=ratio,
-        map_slide_mm=_map_slide_mm(session, truth, maps),
     )
-
-
-def least_slide_mm(cloud_mm: float, map_mm: float) -> float:
-    """Return the RMS slide along an axis that two places leave which are off by so much, apart.
-
-    That is the best that can be made of cloud and map where both fit each other without an error
-    (the Cramér-Rao bound of Gaussian errors): nothing says which of them has slid.
-    """
-    return cloud_mm * map_mm / float(np.hypot(cloud_mm, map_mm))
 
 
 def _three(samples: Floats, cloud: Floats, prior: CloudPrior) -> dict[str, PlateField | None]:
@@ -126,19 +114,6 @@ def _slide(
     after, before = off(fit.correction @ points), off(points)
     stated = np.sqrt(np.diag(fit.covariance))[:2]
     return rms(after), rms(before), float(np.mean((after / stated) ** 2))
-
-
-def _map_slide_mm(session: Session, truth: Truth, maps: Maps) -> float | None:
-    """Return by how much the map lies off along the bone, RMS of both axes.
-
-    The gauge plate tells how the probe sits along its axis, and nothing how it sits across it.
-    """
-    poses = probe_poses_of(session)
-    if poses is None:
-        return None
-    across = truth.scene.world.clamping.translation * (1.0, 1.0, 0.0)
-    off_base = (poses.rotations @ across).mean(axis=0)
-    return rms((maps.outer.T_base_map.rotation.T @ off_base)[:2])
 
 
 def _map_places(maps: Maps, points_base: Floats) -> Floats:
