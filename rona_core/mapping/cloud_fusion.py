@@ -16,7 +16,13 @@ from rona_core.geometry.pose import Pose
 from rona_core.geometry.robust import TUKEY_CUTOFF, mad_sigma, tukey_weights
 from rona_core.mapping.boundary_map import CloudFit
 from rona_core.mapping.fitting.hampel_filter import agreeing
-from rona_core.mapping.fitting.plate_field import PlateField, SurfaceSamples, joined
+from rona_core.mapping.fitting.plate_field import (
+    ROUGHNESS_MM,
+    PlateField,
+    SurfaceSamples,
+    fit_field,
+    joined,
+)
 
 LEAST_OVERLAP = 30  # points of the cloud over the map; fewer tell nothing
 ROUNDS = 25
@@ -77,10 +83,13 @@ def fuse_cloud(
     off, normals = _off(cells, plate)
     scale = mad_sigma(fit.distances_mm, floor=LEAST_SCALE_MM)
     alone = ultrasound.query(cells[:, :2])[0] > overlap_mm  # nothing speaks against these
+    # as A-scans do, it counts as it scatters about its own surface: what it is off the map by is
+    # the map's error as much as its own, and what all points share is in the motion
+    variance = fit_field(cells[:, :2], cells[:, 2]).scatter_mm ** 2 + ROUGHNESS_MM**2
     samples = SurfaceSamples(
         points_map=cells,
         upright=normals[:, 2],
-        weights=np.where(alone, 1.0, tukey_weights(off, TUKEY_CUTOFF * scale)) / scale**2,
+        weights=np.where(alone, 1.0, tukey_weights(off, TUKEY_CUTOFF * scale)) / variance,
         moved_by=_moved_by(normals, cells - middle),
         motion=fit.covariance,
     )

@@ -15,8 +15,9 @@ from rona_core.mapping.build_maps import (
     lateness_mm,
     mean_curvature_per_mm,
 )
-from rona_core.mapping.cloud_fusion import CloudPrior
+from rona_core.mapping.cloud_fusion import CloudPrior, fuse_cloud
 from rona_core.mapping.fitting.hampel_filter import agreeing
+from rona_core.mapping.fitting.plate_field import fit_field
 from rona_core.ultrasound.detection.detect import detect
 from rona_core.ultrasound.probe.probe_model import ProbeSurvey, probe_model
 from tests.helpers.mapping_scenes import T_BASE_SKULL, cloud, errors_mm, survey
@@ -182,9 +183,27 @@ def test_fusing_is_hardly_worse_where_there_is_ultrasound_and_reaches_further():
         assert maps.cloud_fit.rms_mm < 0.5
     # this cloud scatters more than the A-scans, and no two of its points err alike, so that
     # counting those of a patch as one leaves a little of what the cloud as a whole is off by
-    assert np.mean(fused) <= 1.07 * np.mean(alone)
+    assert np.mean(fused) <= 1.1 * np.mean(alone)
     assert max(np.array(fused) / alone) < 1.15
     assert np.mean(beyond) < 0.5 * np.mean(naive)
+
+
+def test_a_cloud_counts_as_it_scatters_itself_not_as_the_map_is_off():
+    """The map is wavy by 0.15 mm where the bone, and the cloud with it, is a dome."""
+    rng = np.random.default_rng(5)
+    rows = np.arange(-15.0, 15.1, 2.5)
+    places = np.column_stack([axis.ravel() for axis in np.meshgrid(rows, np.arange(-15, 16, 1.0))])
+    wave = 0.15 * np.sin(2 * np.pi * places[:, 0] / 10.0)
+
+    def dome_mm(at):
+        return -np.sum(at**2, axis=1) / 160.0
+
+    plate = fit_field(places, dome_mm(places) + wave + rng.normal(0.0, 0.01, len(places)))
+    touched = rng.uniform(-18.0, 18.0, (1500, 2))
+    heights = dome_mm(touched) + rng.normal(0.0, 0.02, len(touched))
+    found = fuse_cloud(np.column_stack((touched, heights)), plate, 2.5, CloudPrior())
+    assert found.scatter_mm > 0.08  # about the map
+    assert rms(found.plate.heights(places) - dome_mm(places)) < 0.65 * rms(wave)
 
 
 def cloud_errors(points_base, skull):
