@@ -19,12 +19,3 @@ def field_root(at_mm: Floats, reach_mm: float) -> Floats:
     apart = (at_mm[:, None] - at_mm) / reach_mm
     values, vectors = np.linalg.eigh(np.exp(-0.5 * apart**2))
     return vectors * np.sqrt(np.maximum(values, 0.0))  # far from regular: no Cholesky
-
-
-def overlap_reach(width_mm: float) -> float:
-    """Return the reach of a field that is alike over as large an area as two round faces overlap.
-
-    Over all shifts the share of a disc of diameter d that another one covers adds up to pi d²/4, a
-    Gaussian of deviation s to 2 pi s².
-    """
-    return width_mm / 8.0**0.5

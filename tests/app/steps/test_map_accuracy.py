@@ -11,11 +11,10 @@ from rona_core.app.steps.boundaries.ascan_view import ascan_plot
 from rona_core.app.steps.boundaries.messages import CorrectBoundary
 from rona_core.app.steps.maps.accuracy.error_terms import ErrorTerm
 from rona_core.app.steps.maps.accuracy.map_accuracy import accuracy_words, map_accuracy
-from rona_core.app.steps.maps.accuracy.map_terms import INTERPOLATION, UNHEARD, map_terms
+from rona_core.app.steps.maps.accuracy.map_terms import UNHEARD, map_terms
 from rona_core.app.steps.maps.accuracy.probe_place import REPEATABILITY_MM, ROBOT_ACCURACY_MM
 from rona_core.app.steps.maps.view import layers_of
 from rona_core.devices.settings import ROBOTS
-from rona_core.mapping.fitting.gaussian_field import field_root
 from rona_core.session.codec import decode, digest, encode
 from rona_core.session.document import Derived, Session, SonoMaps
 from rona_core.session.migrate import SCHEMA, migrate
@@ -250,22 +249,6 @@ def test_bone_whose_echo_was_missed_is_less_sure_the_farther_the_last_one_that_w
         assert term.shared_mm[i, j] == pytest.approx(0.4 * off_mm)  # they err to one side
     counted = term.own_mm[maps.inner.ok & maps.outer.ok]
     assert 0.0 < np.count_nonzero(counted) < len(counted)
-
-
-def test_the_mean_over_a_map_errs_by_what_faces_leave_that_overlap_no_more(demo):
-    """Against fields of the same reach, drawn over the same cells."""
-    boundary = demo.results.maps.value.outer
-    (timing,) = [t for t in map_terms(demo).outer if t.cause == "time of flight"]
-    generator = np.random.default_rng(0)
-    along_u, along_v = (field_root(at, timing.reach_mm) for at in (boundary.u_mm, boundary.v_mm))
-    fields = along_u @ generator.standard_normal((1000, *boundary.ok.shape)) @ along_v.T
-    means = (timing.own_mm * fields)[:, boundary.ok].mean(axis=1)
-    assert timing.shared_mm == pytest.approx(means.std(), rel=0.12)
-    (between,) = [t for t in map_terms(demo).outer if t.cause == INTERPOLATION]
-    ratio = between.shared_mm / timing.shared_mm
-    assert ratio == pytest.approx(
-        rms(between.own_mm[boundary.ok]) / rms(timing.own_mm[boundary.ok])
-    )
 
 
 def test_the_mean_over_cells_feels_the_mean_of_what_they_share():

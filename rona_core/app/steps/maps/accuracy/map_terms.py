@@ -27,7 +27,6 @@ from rona_core.geometry.pose import Pose
 from rona_core.geometry.surface.cloud import SurfaceCloud
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.mapping.cloud_fusion import PATCH_MM, CloudPrior, FusedCloud, fuse_cloud
-from rona_core.mapping.fitting.gaussian_field import overlap_reach
 from rona_core.mapping.fitting.plate_field import ROUGHNESS_MM, PlateField, fit_field
 from rona_core.mapping.map_grid import NEAR_MM
 from rona_core.session.codec import digest
@@ -184,8 +183,7 @@ def _fused_terms(
     shape, places = maps.outer.height_mm.shape, _cells_map(maps.outer)[:, :2]
     share = joined.plate.weights(places).reshape(shape)
     apart = joined.plate.sigmas_mm(places).reshape(shape)
-    mean_mm = _of_mean(apart, maps.outer, overlap_reach(PATCH_MM))
-    between = ErrorTerm(INTERPOLATION, apart, mean_mm, remedy=ROWS)
+    between = ErrorTerm(INTERPOLATION, apart, _of_mean(apart, maps.outer, PATCH_MM), remedy=ROWS)
     kept = [
         term if term.of_robot else replace(term, own_mm=share * term.own_mm)
         for term in outer
@@ -204,8 +202,8 @@ def _sampling(
 ) -> tuple[ErrorTerm, ErrorTerm]:
     """Return what time of flight and interpolation add to each cell.
 
-    A-scans hear the same bone, and err alike, as far as their faces overlap, so that the mean over
-    a map is off by what is left after averaging over as many faces as it has room for.
+    A-scans less than the width of a face apart hear the same bone and err alike, so that the mean
+    over a map is off by what is left after averaging over as many patches as it has.
 
     Args:
         boundary: Its grid is meant.
@@ -223,10 +221,11 @@ def _sampling(
     # two estimates of one variance: what the samples state here, and how all of them scatter
     timing = np.sqrt(0.5 * (timing**2 + samples.scatter_mm**2)).reshape(shape)
     apart = surface.sigmas_mm(places).reshape(shape)
-    reach = overlap_reach(face_mm)
     return (
-        ErrorTerm("time of flight", timing, _of_mean(timing, boundary, reach), reach_mm=reach),
-        ErrorTerm(INTERPOLATION, apart, _of_mean(apart, boundary, reach), remedy=ROWS),
+        ErrorTerm(
+            "time of flight", timing, _of_mean(timing, boundary, face_mm), reach_mm=face_mm / 4.0
+        ),
+        ErrorTerm(INTERPOLATION, apart, _of_mean(apart, boundary, face_mm), remedy=ROWS),
     )
 
 
@@ -256,15 +255,12 @@ def _joined(maps: Maps, plate: PlateField, cloud: _Cloud | None) -> FusedCloud |
     return fuse_cloud(points_map, plate, NEAR_MM, cloud[1])
 
 
-def _of_mean(own_mm: Floats, boundary: BoundaryMap, reach_mm: float) -> float:
-    """Return what the mean over a map is off by when each cell is off by ``own_mm`` (nu, nv).
-
-    Cells err alike over ``reach_mm``, a Gaussian's deviation.
-    """
+def _of_mean(own_mm: Floats, boundary: BoundaryMap, face_mm: float) -> float:
+    """Return what the mean over a map is off by when each cell is off by ``own_mm`` (nu, nv)."""
     if not boundary.ok.any() or min(boundary.ok.shape) < 2:
         return 0.0
     cell_mm2 = (boundary.u_mm[1] - boundary.u_mm[0]) * (boundary.v_mm[1] - boundary.v_mm[0])
-    patches = boundary.ok.sum() * cell_mm2 / (2.0 * np.pi * reach_mm**2)
+    patches = boundary.ok.sum() * cell_mm2 / (np.pi * face_mm**2)
     return float(np.sqrt(np.mean(own_mm[boundary.ok] ** 2) / max(patches, 1.0)))
 
 
