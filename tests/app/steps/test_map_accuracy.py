@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.reference.map_coverage import bands, within
+from benchmarks.reference.map_coverage import bands, parts, within
 from rona_core.app.steps.acoustics.thickness_uncertainty import speed_of_maps
 from rona_core.app.steps.boundaries.ascan_view import ascan_plot
 from rona_core.app.steps.boundaries.messages import CorrectBoundary
+from rona_core.app.steps.maps.accuracy.error_terms import ErrorTerm
 from rona_core.app.steps.maps.accuracy.map_accuracy import accuracy_words, map_accuracy
 from rona_core.app.steps.maps.accuracy.map_terms import UNHEARD, map_terms
 from rona_core.app.steps.maps.accuracy.probe_place import REPEATABILITY_MM, ROBOT_ACCURACY_MM
@@ -248,3 +249,17 @@ def test_bone_whose_echo_was_missed_is_less_sure_the_farther_the_last_one_that_w
         assert term.shared_mm[i, j] == pytest.approx(0.4 * off_mm)  # they err to one side
     counted = term.own_mm[maps.inner.ok & maps.outer.ok]
     assert 0.0 < np.count_nonzero(counted) < len(counted)
+
+
+def test_the_mean_over_cells_feels_the_mean_of_what_they_share():
+    """Against draws of a cause that three cells of four do not feel."""
+    shared = np.zeros((20, 20))
+    shared[:10, :10] = 0.3
+    terms = (ErrorTerm("a", 0.1, shared), ErrorTerm("b", 0.0, 0.05))
+    own, of_mean = parts(terms, np.ones((20, 20), dtype=np.bool_))
+    generator = np.random.default_rng(0)
+    one, other = generator.standard_normal((2, 4000, 1))
+    errors = shared.ravel() * one + 0.05 * other + 0.1 * generator.standard_normal((4000, 400))
+    means = errors.mean(axis=1)
+    assert of_mean == pytest.approx(means.std(), rel=0.05)
+    np.testing.assert_allclose((errors - means[:, None]).std(axis=0), own, rtol=0.06)
