@@ -20,6 +20,7 @@ FIELD_LENGTH_MM = 400.0  # over which the fixed error of a tracker changes
 LENGTHS_MM = readonly(np.geomspace(150.0, 2400.0, 13))
 EVEN = readonly(np.full(len(LENGTHS_MM), 1.0 / len(LENGTHS_MM)))
 NEGLIGIBLE = 0.01  # weight of a length that is left out
+AT_ONCE = 64  # points whose distances to all are held together
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,14 +62,16 @@ class LearnedField:
             points_tracker: Places of markers (n, 3).
         """
         scaled = sensitivity * self.stated.sigmas_mm(points_tracker)
-        squares = cdist(points_tracker, points_tracker, "sqeuclidean")
-        alike = np.zeros_like(squares)
-        for length_mm, weight in zip(LENGTHS_MM, self.weights, strict=True):
-            if weight > NEGLIGIBLE:
-                part = squares * (-0.5 / length_mm**2)
-                np.exp(part, out=part)
-                part *= weight
-                alike += part
+        alike = np.zeros((len(points_tracker), len(points_tracker)))
+        for start in range(0, len(points_tracker), AT_ONCE):
+            some = slice(start, start + AT_ONCE)
+            squares = cdist(points_tracker[some], points_tracker, "sqeuclidean")
+            for length_mm, weight in zip(LENGTHS_MM, self.weights, strict=True):
+                if weight > NEGLIGIBLE:
+                    part = squares * (-0.5 / length_mm**2)
+                    np.exp(part, out=part)
+                    part *= weight
+                    alike[some] += part
         alike /= self.weights[self.weights > NEGLIGIBLE].sum()
         return sum(
             (scaled[:, :, axis] @ alike @ scaled[:, :, axis].T for axis in range(3)),

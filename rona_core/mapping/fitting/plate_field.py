@@ -97,8 +97,10 @@ class PlateField:
         """Return heights (count, m) at places (m, 2), drawn from what is known of the field."""
         fields = self.factor.spread(generator.standard_normal((self.nodes_mm.size, count)))
         unknown = generator.standard_normal((self.loadings_mm.shape[1], count))
-        fields = fields + self.loadings_mm @ unknown
-        return self.heights(places_mm) + np.asarray(self.grid.operator(places_mm) @ fields).T
+        fields += self.loadings_mm @ unknown
+        drawn = np.asarray(self.grid.operator(places_mm) @ fields).T
+        drawn += self.heights(places_mm)
+        return drawn
 
     @cached_property
     def _chart(self) -> RectBivariateSpline:

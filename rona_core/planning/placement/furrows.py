@@ -18,6 +18,7 @@ from rona_core.mapping.fitting.gaussian_field import field_root
 MEAN_MM, SIGMA_MM = -0.5, 0.7  # of the depth; below 0 there is none: one place in four has some
 HALF_WIDTH_MM = 1.0  # a Gaussian's deviation, from an A-scan that heard nothing
 REACH_MM = 20.0  # along a furrow its depth is alike (a Gaussian's deviation)
+AT_ONCE = 16  # draws that are worked on together: all of them take much memory
 
 
 def with_furrows(maps: Maps, outer_mm: Floats, inner_mm: Floats, seed: int = 0) -> Floats:
@@ -35,7 +36,14 @@ def with_furrows(maps: Maps, outer_mm: Floats, inner_mm: Floats, seed: int = 0) 
     cells = np.stack(np.meshgrid(u_mm, v_mm, indexing="ij"), axis=-1)
     unheard = (maps.inner.T_base_map.inv() @ maps.outer_points_base[~maps.inner_used])[:, :2]
     away = KDTree(unheard).query(cells)[0] / HALF_WIDTH_MM
-    white = np.random.default_rng(seed).standard_normal(inner_mm.shape)
-    field = field_root(u_mm, REACH_MM) @ white @ field_root(v_mm, REACH_MM).T
-    furrows = np.exp(-0.5 * away**2) * np.maximum(MEAN_MM + SIGMA_MM * field, 0.0)
-    return np.minimum(inner_mm + furrows, outer_mm - LEAST_THICKNESS_MM)
+    share, random = np.exp(-0.5 * away**2), np.random.default_rng(seed)
+    along_u, along_v = field_root(u_mm, REACH_MM), field_root(v_mm, REACH_MM)
+    deepened: Floats = np.zeros(inner_mm.shape)
+    for start in range(0, len(inner_mm), AT_ONCE):
+        some = slice(start, start + AT_ONCE)
+        field = along_u @ random.standard_normal(inner_mm[some].shape) @ along_v.T
+        furrows = share * np.maximum(MEAN_MM + SIGMA_MM * field, 0.0)
+        np.minimum(
+            inner_mm[some] + furrows, outer_mm[some] - LEAST_THICKNESS_MM, out=deepened[some]
+        )
+    return deepened

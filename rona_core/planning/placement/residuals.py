@@ -15,6 +15,7 @@ from rona_core.planning.placement.solid_points import SolidPoints
 
 TURNS_RAD = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
 AROUND = np.column_stack((np.cos(TURNS_RAD), np.sin(TURNS_RAD)))  # the end of a screw, in radii
+AT_ONCE = 512  # points that are worked on together: thousands with all draws take much memory
 ROUNDS = 4  # of finding the outer boundary along a screw: the map is flat, each gains a digit
 
 
@@ -38,7 +39,9 @@ def residuals(
     drawn = operator @ bone.inner_draws
     np.subtract(points_map[:, 2, None], drawn, out=drawn)
     drawn *= cosine[:, None]
-    drawn += (normals_map @ T_map_bed.rotation) @ problem.errors_bed
+    normals_bed = normals_map @ T_map_bed.rotation
+    for start in range(0, len(drawn), AT_ONCE):
+        drawn[start : start + AT_ONCE] += normals_bed[start : start + AT_ONCE] @ problem.errors_bed
     return drawn, mapped
 
 

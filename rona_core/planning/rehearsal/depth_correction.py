@@ -19,7 +19,9 @@ def ceiling_mm(bottoms_bed: Floats, drawn_mm: Floats, limit_mm: float, score: fl
     if not len(bottoms_bed) or float(scores(drawn_mm.min(axis=0), limit_mm)) >= score:
         return -np.inf
     # a draw keeps the limit once every place is so high; heights of the way itself count alike
-    wanted = (bottoms_bed[:, 2, None] + limit_mm - drawn_mm).max(axis=0)
+    wanted = np.full(drawn_mm.shape[1], -np.inf)
+    for height, drawn in zip(bottoms_bed[:, 2] + limit_mm, drawn_mm, strict=True):
+        np.maximum(wanted, height - drawn, out=wanted)
     median = float(np.median(wanted))
     above = wanted[wanted > median] - median
     return median + score * float(np.sqrt((above**2).mean())) if len(above) else median

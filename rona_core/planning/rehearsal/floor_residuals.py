@@ -65,12 +65,15 @@ class CorrectedBone:
         innovations = measured.residual_mm[:, None] + noise - measured.drawn_mm
         self._moves = np.linalg.solve(cov, innovations)
 
-    def draws(self, places_bed: Floats, drawn_mm: Floats) -> Floats:
-        """Return residuals (n, k) below places (n, 3) in draws, given those of the maps (n, k)."""
-        found = drawn_mm.copy()
+    def draws(self, places_bed: Floats, drawn_mm: Floats, *, overwrite: bool = False) -> Floats:
+        """Return residuals (n, k) below places (n, 3) in draws, given those of the maps (n, k).
+
+        With ``overwrite`` they take the place of those of the maps.
+        """
+        found = drawn_mm if overwrite else drawn_mm.copy()
         for start in range(0, len(found), AT_ONCE):
             rows = slice(start, start + AT_ONCE)
-            off = drawn_mm[rows] - drawn_mm[rows].mean(axis=1, keepdims=True)
+            off = found[rows] - found[rows].mean(axis=1, keepdims=True)
             found[rows] += self._tied(places_bed[rows], off) @ self._moves
         return found
 

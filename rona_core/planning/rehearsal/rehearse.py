@@ -29,6 +29,7 @@ RESOLVED_SIGMAS = 2.0
 HEAD_MM = 0.1  # rms by which the head moves in its clamp in the meantime; assumed
 MOST_THROUGH = 0.3  # probability of a breakthrough, above which the burr stops
 WATCH = 200  # steps between two looks at cancel
+AT_ONCE = 512  # places that are worked on together: thousands with all draws take much memory
 
 # boundary heights in bed: places (n, 3) -> (n,)
 Heights = Callable[[Floats], Floats]
@@ -124,32 +125,38 @@ class _Rehearsal:
         pause = self._pause(drawn) if self._guards.rescan else -1
         wander = HEAD_MM * np.random.default_rng(0).standard_normal(drawn.shape[1])
         before: Bools = way.layers <= pause
-        first = way.part(before)
-        above = drawn[before]
-        above += wander
-        done, stopped = self._mill(first, above)
-        del above
+        first, above = way.part(before), np.flatnonzero(before)
+
+        def before_scan(row: int) -> Floats:
+            return np.asarray(drawn[above[row]] + wander)
+
+        done, stopped = self._mill(first, before_scan)
         measured, asked, ceiling = None, 0, -np.inf
         if not stopped:
             if len(first):
                 asked, measured = self._scan(measure, first)
             if measured is not None:
-                drawn = CorrectedBone(measured).draws(way.bottoms_bed, drawn)
+                drawn = CorrectedBone(measured).draws(way.bottoms_bed, drawn, overwrite=True)
             drawn += wander
             if self._guards.rescan:
                 bottoms, score = way.bottoms_bed[~before], float(ndtri(task.probability))
                 ceiling = ceiling_mm(bottoms, drawn[~before], task.limit_mm, score)
         commanded, rows = corrected_way(way, pause, ceiling)
         lifted = commanded.bottoms_bed[:, 2] - way.bottoms_bed[rows, 2]
-        drawn = drawn[rows]
-        drawn += lifted[:, None]
+
+        def thought(row: int) -> Floats:
+            return np.asarray(drawn[rows[row]] + lifted[row])
+
         if not stopped:
             after = np.arange(len(commanded)) >= len(first)
-            steps, stopped = self._mill(commanded.part(after), drawn[len(first) :])
+            rest = commanded.part(after)
+            steps, stopped = self._mill(rest, lambda row: thought(len(first) + row))
             done += steps
         self._progress(1.0)
         lowest = float(commanded.bottoms_bed[:done, 2].min())
-        left = drawn[:done].min(axis=0)
+        left = thought(0)
+        for row in range(1, done):
+            np.minimum(left, thought(row), out=left)
         return MillingOutcome(
             pause=pause,
             ceiling_mm=ceiling,
@@ -195,8 +202,13 @@ class _Rehearsal:
         measured = measured.without_outliers() if ok.any() else measured
         return len(places), measured if len(measured.residual_mm) else None
 
-    def _mill(self, way: BurrWay, drawn_mm: Floats) -> tuple[int, bool]:
-        """Mill along a way; return how many steps were done, and whether it was stopped."""
+    def _mill(self, way: BurrWay, drawn_mm: Callable[[int], Floats]) -> tuple[int, bool]:
+        """Mill along a way; return how many steps were done, and whether it was stopped.
+
+        Args:
+            way: To mill along.
+            drawn_mm: Returns the bone below one of its places in draws (k,).
+        """
         if not len(way):
             return 0, False
         self._site.follow(way)
@@ -211,7 +223,7 @@ class _Rehearsal:
             self._duration_s += float(steps_mm[row]) / feed
             self._most_n = max(self._most_n, reading.mean_n)
             self._force.begin_layer(int(way.layers[row]))
-            through = self._force.update(reading, way.bottoms_bed[row], area, feed, drawn_mm[row])
+            through = self._force.update(reading, way.bottoms_bed[row], area, feed, drawn_mm(row))
             self._through.append(through)
             self._done += 1
             if self._guards.stop_on_force and through > MOST_THROUGH:
@@ -225,4 +237,5 @@ class _Rehearsal:
 
 def _surely(drawn_mm: Floats, sigmas: float) -> Floats:
     """Return what is left (n,) in all but the worst draws (n, k)."""
-    return drawn_mm.mean(axis=1) - sigmas * drawn_mm.std(axis=1)
+    blocks = [drawn_mm[start : start + AT_ONCE] for start in range(0, len(drawn_mm), AT_ONCE)]
+    return np.concatenate([some.mean(axis=1) - sigmas * some.std(axis=1) for some in blocks])

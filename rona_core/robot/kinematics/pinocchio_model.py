@@ -43,11 +43,11 @@ class PinocchioArm:
 
     def forward(self, qs_rad: Floats) -> Poses:
         """Return ``Ts_base_flange`` for joint angles (n, 6) in radians."""
-        placement, placements = self._data.oMf[self._flange], np.zeros((len(qs_rad), 4, 4))
+        placement, placements = self._data.oMf[self._flange], np.zeros((len(qs_rad), 3, 4))
         for i, q in enumerate(qs_rad):
             pin.framesForwardKinematics(self._model, self._data, q)
-            placements[i] = placement.homogeneous
-        return Poses(placements[:, :3, :3], placements[:, :3, 3] * MM_PER_M)
+            placements[i] = placement.homogeneous[:3]
+        return Poses(placements[:, :, :3], placements[:, :, 3] * MM_PER_M)
 
     def joint_axes(self, qs_rad: Floats) -> tuple[Floats, Floats]:
         """Return directions and origins (n, 6, 3) of all joint axes in ``base``, origins in mm."""

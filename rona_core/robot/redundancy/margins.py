@@ -23,6 +23,7 @@ SHOULDER_MARGIN_MM = 30.0  # least distance of the wrist centre from axis 1
 LARGEST_STEP_RAD = float(np.deg2rad(10.0))  # of a joint between dense samples
 
 EVEN_DIGITS = 9  # decimals in which margins must differ to count as different
+AT_ONCE = 2048  # poses of a joint path that are solved together, on all branches
 ROUNDED_MM = 1e-9  # a pose that cannot be reached is outside by at least this much
 
 
@@ -187,9 +188,15 @@ def joint_path(path: Path5D, model: RobotModel, rolls_rad: ArrayLike, branch: in
         rolls_rad: One roll, or one at each path point (n,).
         branch: Index into ``kinematics.arm.BRANCHES``.
     """
-    solutions = model.inverse(_poses_on(path, model, rolls_rad))
-    only = solutions.qs_rad[:, branch : branch + 1]
-    return readonly(continuous_branches(only, model.limits)[:, 0])
+    poses = _poses_on(path, model, rolls_rad)
+    blocks = [slice(start, start + AT_ONCE) for start in range(0, max(len(poses), 1), AT_ONCE)]
+    only = [
+        model.inverse(Poses.unchecked(poses.rotations[some], poses.translations[some]))
+        .qs_rad[:, branch : branch + 1]
+        .copy()  # so that the postures of the other branches are let go
+        for some in blocks
+    ]
+    return readonly(continuous_branches(np.concatenate(only), model.limits)[:, 0])
 
 
 def branch_margins(

@@ -6,6 +6,8 @@ the room at both ends together, nothing can touch in between; elsewhere the step
 halved again.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from rona_core.geometry.arrays import Floats, Ints
@@ -18,6 +20,30 @@ from rona_core.robot.verification.motion_checks import DENSITY, DenseMotion, che
 HALVINGS = 6  # of a step between samples at most
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Nearest:
+    """Where each pair of parts is nearest: of a whole motion, all distances take much memory."""
+
+    distances_mm: Floats  # (p,)
+    rows: Ints  # (p,) of the places in the order in which they were looked at, the first of equals
+    numbers: Floats  # (p,) of the samples there
+
+    @classmethod
+    def of(cls, distances: Floats, first: int, numbers: Floats) -> "_Nearest":
+        """Return it of distances (k, p) at places from row ``first`` on, samples (k,)."""
+        rows: Ints = distances.argmin(axis=0)
+        return cls(distances[rows, np.arange(len(rows))], first + rows, numbers[rows])
+
+    def or_nearer(self, later: "_Nearest") -> "_Nearest":
+        """Return what is nearer, pair by pair, here or at later places."""
+        nearer = later.distances_mm < self.distances_mm
+        return _Nearest(
+            np.where(nearer, later.distances_mm, self.distances_mm),
+            np.where(nearer, later.rows, self.rows),
+            np.where(nearer, later.numbers, self.numbers),
+        )
+
+
 def clearance(
     model: RobotModel, dense: DenseMotion, obstacles: Obstacles
 ) -> tuple[list[Check], float | None]:
@@ -27,16 +53,17 @@ def clearance(
     of parts that must not touch; None where there is no such pair.
     """
     world = CollisionWorld(model, obstacles)
-    return judged(world, *_distances(world, dense))
+    return _judged(world, _nearest(world, dense))
 
 
-def _distances(world: CollisionWorld, dense: DenseMotion) -> tuple[Floats, Floats]:
-    """Return distances (k, p) of what is nearest where it was looked at, and the sample numbers."""
+def _nearest(world: CollisionWorld, dense: DenseMotion) -> _Nearest:
+    """Return where each pair is nearest, of all places that are looked at."""
     qs, numbers = dense.qs_rad[::DENSITY], dense.numbers[::DENSITY]
     found = world.nearest_mm(qs)
     room = _room_mm(world, found)
-    looked, at = [found], [numbers]
+    nearest, looked = _Nearest.of(found, 0, numbers), len(found)
     ends = [(qs[:-1], qs[1:]), (room[:-1], room[1:]), (numbers[:-1], numbers[1:])]
+    del found  # it is large
     for _ in range(HALVINGS):
         (q_from, q_to), (room_from, room_to), (first, last) = ends
         moved_mm = np.abs(q_to - q_from) @ world.levers_mm
@@ -46,13 +73,13 @@ def _distances(world: CollisionWorld, dense: DenseMotion) -> tuple[Floats, Float
         q_mid, middle = 0.5 * (q_from + q_to)[near], 0.5 * (first + last)[near]
         found = world.nearest_mm(q_mid)
         room_mid = _room_mm(world, found)
-        looked.append(found)
-        at.append(middle)
+        nearest = nearest.or_nearer(_Nearest.of(found, looked, middle))
+        looked += len(found)
         ends = [
             (np.concatenate((low[near], mid)), np.concatenate((mid, high[near])))
             for (low, high), mid in zip(ends, (q_mid, room_mid, middle), strict=True)
         ]
-    return np.concatenate(looked), np.concatenate(at)
+    return nearest
 
 
 def _room_mm(world: CollisionWorld, distances: Floats) -> Floats:
@@ -63,9 +90,7 @@ def _room_mm(world: CollisionWorld, distances: Floats) -> Floats:
     return room
 
 
-def judged(
-    world: CollisionWorld, distances: Floats, numbers: Floats
-) -> tuple[list[Check], float | None]:
+def _judged(world: CollisionWorld, nearest: _Nearest) -> tuple[list[Check], float | None]:
     """Return checks for the robot itself, for obstacles in reach, and for what may be touched."""
     checks: list[Check] = []
     for group in (ITSELF, *(thing.name for thing in world.obstacles.things)):
@@ -76,25 +101,22 @@ def judged(
             ("touch of the", np.flatnonzero(of_group & (world.least_mm < 0.0))),
         ):
             if len(columns):  # else out of reach, or not to be touched
-                checks.append(_worst(f"{words} {group}", world, columns, distances, numbers))
+                checks.append(_worst(f"{words} {group}", world, columns, nearest))
     counted = np.flatnonzero(world.least_mm >= 0.0).tolist()
-    return checks, min((float(distances[:, pair].min()) for pair in counted), default=None)
+    return checks, min((float(nearest.distances_mm[pair]) for pair in counted), default=None)
 
 
-def _worst(
-    name: str, world: CollisionWorld, columns: Ints, distances: Floats, numbers: Floats
-) -> Check:
+def _worst(name: str, world: CollisionWorld, columns: Ints, nearest: _Nearest) -> Check:
     """Return the check of the pair, of those in some columns, that is closest."""
-    rows = [int(distances[:, column].argmin()) for column in columns]  # a part of it is large
-    rooms = distances[rows, columns] - world.least_mm[columns]
-    row, column = min(zip(rooms, rows, columns, strict=True))[1:]
+    rooms = nearest.distances_mm[columns] - world.least_mm[columns]
+    column = min(zip(rooms, nearest.rows[columns], columns, strict=True))[2]
     pair = world.pairs[int(column)]
     return check(
         name,
-        distances[row, column][None],
+        nearest.distances_mm[column][None],
         pair.least_mm,
         "mm",
         least=True,
-        first=int(numbers[row]),
+        first=int(nearest.numbers[column]),
         remark=f" between {pair.first} and {pair.second}",
     )

@@ -178,13 +178,13 @@ def _settled(
         unlike = (weighed.slopes - slope[:, None]) / slope_sd
         usual = _usual_level(weighed, slope)
         alone = weighed.likelihood - 0.5 * ((weighed.level - usual) / LEVEL_SD) ** 2
-        alone = alone - 0.5 * unlike[:, :, None] ** 2
+        alone = alone - 0.5 * unlike[:, :, None] ** 2  # now in double precision
         log_chance = alone - held
         if turn:
             off = (start_us - expected)[:, None] + weighed.offsets_us
             residual = off / np.hypot(scatter, EXPECTED_SD_US)[:, None]  # standardised
             together = -NEIGHBOUR_WEIGHT * np.log1p(0.5 * residual**2)
-            log_chance = log_chance + np.where(around.known[:, None], together, 0.0)[:, None, :]
+            log_chance += np.where(around.known[:, None], together, 0.0)[:, None, :]
         lag, sd, level = _mean(weighed, log_chance, start_us)
     period_us = 1.0 / probe.centre_mhz
     slipped = slip_chances(
@@ -270,7 +270,8 @@ def _usual_level(weighed: _Weighed, slope: Floats) -> float:
 
 def _mean(weighed: _Weighed, chances: Floats, middle_us: Floats) -> tuple[Floats, Floats, Floats]:
     """Return mean and standard deviation (n,) of the times, and the mean level."""
-    share = np.exp(chances - chances.max(axis=(1, 2), keepdims=True))
+    share = chances - chances.max(axis=(1, 2), keepdims=True)
+    np.exp(share, out=share)
     share /= share.sum(axis=(1, 2), keepdims=True)
     level = (share * weighed.level).sum(axis=(1, 2))
     share = share.sum(axis=1)

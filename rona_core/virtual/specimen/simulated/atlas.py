@@ -22,6 +22,7 @@ SCAN_STEP_MM, FACE_STEP_MM = 0.5, 0.6
 FACE_HALF = 1.1  # slightly beyond the edge of a cube's face
 CANDIDATES_PER_CHART = 160  # slopes along each side from which the search for a point starts
 NEWTON_STEPS = 30
+AT_ONCE = 2048  # points that are looked for together: derivatives of all take much memory
 TOLERANCE_MM = 1e-7  # nearer, rounding decides which step is refused
 LEAST_BEND = 1e-3  # smallest curvature of the squared distance, over the size of the metric
 
@@ -158,7 +159,8 @@ class Atlas:
         numbers = self._numbers(v)
         for number in np.unique(numbers):
             rows = numbers == number
-            found[rows] = self._closest_in(int(number), v[rows])
+            for some in np.array_split(np.flatnonzero(rows), 1 + np.count_nonzero(rows) // AT_ONCE):
+                found[some] = self._closest_in(int(number), v[some])
         return found
 
     def _closest_in(self, number: int, v: Floats) -> Floats:

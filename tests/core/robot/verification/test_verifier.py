@@ -14,7 +14,7 @@ from rona_core.robot.kinematics.joint_limits import JointLimits
 from rona_core.robot.planning.calibration_motion import ToolMotionSettings, plan_tool_motion
 from rona_core.robot.planning.plan_scan import PlanSettings, plan_scan
 from rona_core.robot.trajectory.joint_moves import joint_move, plan_joint_move
-from rona_core.robot.verification.clearance_checks import HALVINGS, _distances
+from rona_core.robot.verification.clearance_checks import HALVINGS, _nearest
 from rona_core.robot.verification.motion_checks import DENSITY, dense_motion
 from rona_core.robot.verification.verifier import (
     Tolerances,
@@ -379,9 +379,11 @@ def test_between_samples_it_looks_halfway_and_says_where():
     )
     numbers = np.arange(5 * DENSITY + 1) / DENSITY
     qs = numbers[:, None] * np.eye(6)[0]  # the joint angle is the number of the sample
-    found, places = _distances(world, SimpleNamespace(qs_rad=qs, numbers=numbers))
-    np.testing.assert_array_equal(found[:, 0], 10.0 * np.abs(places - 2.3))
-    np.testing.assert_array_equal(np.concatenate(asked), places)
+    found = _nearest(world, SimpleNamespace(qs_rad=qs, numbers=numbers))
+    places = np.concatenate(asked)
+    assert found.distances_mm.tolist() == [10.0 * np.abs(places - 2.3).min()]
+    assert found.rows.tolist() == [np.abs(places - 2.3).argmin()]
+    assert found.numbers.tolist() == [places[found.rows[0]]]
     np.testing.assert_array_equal(places[:8], (0, 1, 2, 3, 4, 5, 2.5, 2.25))
     assert np.abs(places - 2.3).min() <= 0.5**HALVINGS
 

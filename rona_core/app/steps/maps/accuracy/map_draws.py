@@ -24,6 +24,7 @@ from rona_core.mapping.fitting.plate_field import PlateField
 from rona_core.session.document import Session
 
 MOST_DRAWS = 1000
+AT_ONCE = 16  # draws that are worked on together: all of them take much memory
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,19 +59,19 @@ def draw_maps(session: Session, count: int, seed: int = 0, *, same_robot: bool =
         raise StaleResultError(f"the maps are stale: {reason or 'they are of other A-scans'}")
     generator = np.random.default_rng(seed)
     kept = [term for term in terms.outer if not (same_robot and term.of_robot)]
-    outer = maps.outer.height_mm + _drawn(maps.outer, kept, terms.outer_plate, count, generator)
+    outer = _drawn(maps.outer, kept, terms.outer_plate, count, generator)
+    outer += maps.outer.height_mm
     # another scan errs alike by what reference points alone can mend: the speed of sound
     lasting = [term for term in terms.thickness if term.remedy == POINTS]
     passing = [term for term in terms.thickness if term.remedy != POINTS]
-    reread = maps.thickness_mm() + _drawn(maps.outer, passing, None, count, generator)
-    speed = _drawn(maps.outer, lasting, None, count, generator)
-    reread = reread + _drawn(maps.outer, (), terms.thickness_plate, count, generator)
-    return MapDraws(
-        maps,
-        readonly(outer),
-        readonly(outer - np.maximum(reread + speed, LEAST_THICKNESS_MM)),
-        readonly(reread),
-    )
+    reread = _drawn(maps.outer, passing, None, count, generator)
+    reread += maps.thickness_mm()
+    inner = _drawn(maps.outer, lasting, None, count, generator)  # of the speed, so far
+    reread += _drawn(maps.outer, (), terms.thickness_plate, count, generator)
+    inner += reread
+    np.maximum(inner, LEAST_THICKNESS_MM, out=inner)
+    np.subtract(outer, inner, out=inner)
+    return MapDraws(maps, readonly(outer), readonly(inner), readonly(reread))
 
 
 def _drawn(
@@ -85,15 +86,17 @@ def _drawn(
     errors = np.zeros((count, *shape))
     for term in terms:
         shared = generator.standard_normal((count, 1, 1))
-        errors += np.broadcast_to(term.shared_mm, shape) * shared
-        if term.cause != INTERPOLATION:
-            white = generator.standard_normal((count, *shape))
-            along_u, along_v = (field_root(at, term.reach_mm) for at in (grid.u_mm, grid.v_mm))
-            field = along_u @ white @ along_v.T
-            errors += np.broadcast_to(term.own_mm, shape) * field
+        along_u, along_v = (field_root(at, term.reach_mm) for at in (grid.u_mm, grid.v_mm))
+        for start in range(0, count, AT_ONCE):
+            some = errors[start : start + AT_ONCE]
+            some += np.broadcast_to(term.shared_mm, shape) * shared[start : start + AT_ONCE]
+            if term.cause != INTERPOLATION:
+                field = along_u @ generator.standard_normal(some.shape) @ along_v.T
+                some += np.broadcast_to(term.own_mm, shape) * field
     if plate is not None:
         u, v = np.meshgrid(grid.u_mm, grid.v_mm, indexing="ij")
         places = np.column_stack((u.ravel(), v.ravel()))
-        drawn = plate.draws(places, count, generator) - plate.heights(places)
+        drawn = plate.draws(places, count, generator)
+        drawn -= plate.heights(places)
         errors += drawn.reshape(errors.shape)
     return errors
