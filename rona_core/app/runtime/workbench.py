@@ -22,7 +22,6 @@ from rona_core.app.dependencies.requirements import require_for
 from rona_core.app.messages.exact_types import require_exact
 from rona_core.app.messages.message import Answer
 from rona_core.app.runtime.jobs import Ended, Jobs, JobStatus
-from rona_core.app.runtime.process_memory import return_freed_memory
 from rona_core.app.runtime.process_pool import use_one_thread
 from rona_core.app.runtime.store import Change, Store
 from rona_core.devices.live import Live
@@ -140,7 +139,6 @@ class Workbench:
         require_exact(activity)
         self._require_room_for(activity)
         self._carry_out(activity, progress, cancel)
-        return_freed_memory()  # of what the activity worked with
         return self.session
 
     def start(self, activity: Message) -> JobStatus:
