@@ -23,7 +23,7 @@ from benchmarks.reference.bone_worlds import (
     true_residual_mm,
 )
 from benchmarks.reference.placement_brute_force import best_objective
-from rona_core.planning.bed import Bed
+from rona_core.planning.bed import Bed, Screw
 from rona_core.planning.placement.evaluate import judge_placement
 from rona_core.planning.placement.figures import PlacementFigures
 from rona_core.planning.placement.problem import PlacementProblem
@@ -43,6 +43,7 @@ REGION_MM, SMALL_MM = 60.0, 40.0
 EXECUTION = ExecutionError(depth_mm=0.15, lateral_mm=0.15)
 BINS = (0.0, 0.2, 0.5, 0.8, 0.95, 0.99, 1.0)
 GRID = SearchGrid()
+SCREWS = (Screw(17.0, 0.0, 3.0, 2.0), Screw(-17.0, 0.0, 3.0, 2.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +56,7 @@ class Outcome:
 
 def run(progress: Progress) -> list[Metric]:
     """Return optimum, times and honesty."""
-    metrics = [*_optimum(progress), _one_placement()]
+    metrics = [*_optimum(progress), *_with_screws(progress), _one_placement()]
     progress(f"{len(SEEDS)} random beds")
     random = [random_bed(np.random.default_rng(seed)) for seed in SEEDS]
     progress(f"{len(SEEDS)} searches")
@@ -101,6 +102,21 @@ def _optimum(progress: Progress) -> Iterator[Metric]:
         yield from over_seeds(title, ratios, "", "higher", goal=0.99)
         yield from over_seeds(f"{name} bed: CPU of the search", quick_s, "s", "lower", goal=2.0)
         yield from over_seeds(f"{name} bed: CPU of brute force", slow_s, "s", "lower")
+
+
+def _with_screws(progress: Progress) -> Iterator[Metric]:
+    """Yield the time of the search for an oblong bed with two screws beside it."""
+    spent_s: list[float] = []
+    if not OBLONG_SEEDS:
+        return
+    for seed in OBLONG_SEEDS:
+        progress(f"oblong bed with two screws, seed {seed}")
+        problem = any_problem(np.random.default_rng(seed), REGION_MM)
+        start = process_time()
+        search_placements(problem, oblong_bed(26.0, 18.0, 4.5), SCREWS, GRID)
+        spent_s.append(process_time() - start)
+    title = "oblong bed with two screws: CPU of the search"
+    yield from over_seeds(title, spent_s, "s", "lower", goal=2.0)
 
 
 def _one_placement() -> Metric:
