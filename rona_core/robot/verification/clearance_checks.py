@@ -53,7 +53,7 @@ def clearance(
     of parts that must not touch; None where there is no such pair.
     """
     world = CollisionWorld(model, obstacles)
-    return _judged(world, _nearest(world, dense))
+    return judged(world, _nearest(world, dense))
 
 
 def _nearest(world: CollisionWorld, dense: DenseMotion) -> _Nearest:
@@ -90,7 +90,7 @@ def _room_mm(world: CollisionWorld, distances: Floats) -> Floats:
     return room
 
 
-def _judged(world: CollisionWorld, nearest: _Nearest) -> tuple[list[Check], float | None]:
+def judged(world: CollisionWorld, nearest: _Nearest) -> tuple[list[Check], float | None]:
     """Return checks for the robot itself, for obstacles in reach, and for what may be touched."""
     checks: list[Check] = []
     for group in (ITSELF, *(thing.name for thing in world.obstacles.things)):

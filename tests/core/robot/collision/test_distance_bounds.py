@@ -23,7 +23,7 @@ from rona_core.robot.redundancy.constant_roll import evaluate_constant_rolls, wo
 from rona_core.robot.redundancy.margins import MarginLimits
 from rona_core.robot.trajectory.joint_moves import joint_move
 from rona_core.robot.trajectory.trajectory import sampled_motion
-from rona_core.robot.verification.clearance_checks import _distances, judged
+from rona_core.robot.verification.clearance_checks import _nearest, judged
 from rona_core.robot.verification.motion_checks import dense_motion
 from tests.scenes.patch_scenes import scene_model, scene_path
 
@@ -122,7 +122,7 @@ def test_the_certificate_is_that_of_every_pair():
     for model, seed, world, exhaustive in pairs_of_worlds():
         for goal in motions(seed, model)[1][[20, -1]]:
             dense = dense_motion(model, sampled_motion(joint_move(model, model.home_rad, goal)))
-            found, wanted = (judged(w, *_distances(w, dense)) for w in (world, exhaustive))
+            found, wanted = (judged(w, _nearest(w, dense)) for w in (world, exhaustive))
             for check, other in zip(found[0], wanted[0], strict=True):
                 assert (check.name, check.index, check.holds) == (
                     other.name,
