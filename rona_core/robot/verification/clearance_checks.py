@@ -25,21 +25,19 @@ class _Nearest:
     """Where each pair of parts is nearest: of a whole motion, all distances take much memory."""
 
     distances_mm: Floats  # (p,)
-    rows: Ints  # (p,) of the places in the order in which they were looked at, the first of equals
-    numbers: Floats  # (p,) of the samples there
+    numbers: Floats  # (p,) of the samples there, the first of equals in the order they came
 
     @classmethod
-    def of(cls, distances: Floats, first: int, numbers: Floats) -> "_Nearest":
-        """Return it of distances (k, p) at places from row ``first`` on, samples (k,)."""
-        rows: Ints = distances.argmin(axis=0)
-        return cls(distances[rows, np.arange(len(rows))], first + rows, numbers[rows])
+    def of(cls, distances: Floats, numbers: Floats) -> "_Nearest":
+        """Return it of distances (k, p) at samples (k,)."""
+        rows = distances.argmin(axis=0)
+        return cls(distances[rows, np.arange(len(rows))], numbers[rows])
 
     def or_nearer(self, later: "_Nearest") -> "_Nearest":
         """Return what is nearer, pair by pair, here or at later places."""
         nearer = later.distances_mm < self.distances_mm
         return _Nearest(
             np.where(nearer, later.distances_mm, self.distances_mm),
-            np.where(nearer, later.rows, self.rows),
             np.where(nearer, later.numbers, self.numbers),
         )
 
@@ -61,7 +59,7 @@ def _nearest(world: CollisionWorld, dense: DenseMotion) -> _Nearest:
     qs, numbers = dense.qs_rad[::DENSITY], dense.numbers[::DENSITY]
     found = world.nearest_mm(qs)
     room = _room_mm(world, found)
-    nearest, looked = _Nearest.of(found, 0, numbers), len(found)
+    nearest = _Nearest.of(found, numbers)
     ends = [(qs[:-1], qs[1:]), (room[:-1], room[1:]), (numbers[:-1], numbers[1:])]
     del found  # it is large
     for _ in range(HALVINGS):
@@ -73,8 +71,7 @@ def _nearest(world: CollisionWorld, dense: DenseMotion) -> _Nearest:
         q_mid, middle = 0.5 * (q_from + q_to)[near], 0.5 * (first + last)[near]
         found = world.nearest_mm(q_mid)
         room_mid = _room_mm(world, found)
-        nearest = nearest.or_nearer(_Nearest.of(found, looked, middle))
-        looked += len(found)
+        nearest = nearest.or_nearer(_Nearest.of(found, middle))
         ends = [
             (np.concatenate((low[near], mid)), np.concatenate((mid, high[near])))
             for (low, high), mid in zip(ends, (q_mid, room_mid, middle), strict=True)
@@ -109,7 +106,7 @@ def judged(world: CollisionWorld, nearest: _Nearest) -> tuple[list[Check], float
 def _worst(name: str, world: CollisionWorld, columns: Ints, nearest: _Nearest) -> Check:
     """Return the check of the pair, of those in some columns, that is closest."""
     rooms = nearest.distances_mm[columns] - world.least_mm[columns]
-    column = min(zip(rooms, nearest.rows[columns], columns, strict=True))[2]
+    column = columns[rooms.argmin()]
     pair = world.pairs[int(column)]
     return check(
         name,

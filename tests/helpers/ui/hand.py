@@ -166,7 +166,7 @@ def carry_out(surgeon: Surgeon, words: str) -> None:
 
 
 def unfold(surgeon: Surgeon, name: str) -> None:
-    """Click a folder of the docks that is closed, and wait until it has stopped to grow."""
+    """Click a folder of the docks that is closed, and wait until it has stopped growing."""
     title = surgeon.frame.get_by_text(name, exact=True).filter(visible=True).first
     title.click()
     wait_for(lambda: title.evaluate(UNFOLDED), f"{name} to unfold")  # what moves is missed
