@@ -118,6 +118,8 @@ def _limits(found: Sequence[Rehearsed]) -> Iterator[Metric]:
             yield _share(f"{kind}, depth {words}: violations of the limit", broken, goal)
         safe = _of(found, "all guards", deep)
         yield _share(f"{kind}: raised", [one.raised_mm > 0.0 for one in safe])
+        planned = [one.certified for one in safe if one.certified is not None]
+        yield _share(f"{kind}: raised layers certified", planned, 0.95)
 
 
 def _measured(safe: Sequence[Rehearsed]) -> Iterator[Metric]:
