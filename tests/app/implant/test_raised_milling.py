@@ -116,6 +116,10 @@ def test_a_motion_other_than_the_certified_one_is_not_milled(milled, monkeypatch
     np.testing.assert_array_equal(milled_again(session, found, site._scene).least_mm, site.least_mm)
     figures = rehearsal_figures(session, truth_of(session, site._scene))
     assert figures["rehearsal_raised_s"] is None
+    whole = replace(found, steps=0)
+    assert "so: the verifier refuses" in rehearsal_verdict(whole)
+    assert "; nothing was milled, and" in rehearsal_verdict(whole)
+    assert milled_again(session, whole, site._scene) is None
 
 
 def test_where_the_planned_roll_fails_another_one_is_searched(milled):

@@ -74,7 +74,7 @@ def test_the_floor_is_heard_and_the_verdict_says_what_followed(rehearsed):
     said = rehearsal_verdict(found)
     assert f"scanned again at {found.asked} places" in said
     assert ("higher than planned" in said) == (found.raised_mm > 0.0)
-    assert rehearsal_ok(found) == (found.raised_mm == 0.0 and not found.stopped)
+    assert rehearsal_ok(found) == (found.ceiling_mm is None and not found.stopped)
 
 
 def test_the_same_number_gives_the_same_rehearsal_and_another_gives_another(milled, rehearsed):

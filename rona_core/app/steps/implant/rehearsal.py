@@ -114,16 +114,19 @@ def rehearsal_verdict(found: Rehearsal) -> str:
 
 def _depth(found: Rehearsal) -> str:
     """Return how deep was milled, and what became of the plan of the raised layers."""
-    if found.raised_mm == 0.0:
+    if found.ceiling_mm is None:
         return "the bed was milled as deep as planned"
     higher, plan = f"{found.raised_mm:.2f} mm higher than planned", found.raised_plan
+    ended = f"milling ended with the last finished layer, {higher}"
+    if not found.steps:
+        ended = "nothing was milled"
     if plan is None:
-        return f"the last layers ended {higher}"
+        return ended
     motion = plan.certified_motion
     if motion is None:
         return (
             "the last layers had to end higher, but the robot cannot mill them so: "
-            f"{why_no_milling(plan)}; milling ended with the last finished layer, {higher}"
+            f"{why_no_milling(plan)}; {ended}"
         )
     minutes, seconds = divmod(round(motion.duration_s), 60)
     return (
@@ -134,4 +137,4 @@ def _depth(found: Rehearsal) -> str:
 
 def rehearsal_ok(found: Rehearsal) -> bool:
     """Return whether all went as planned, as surely as was asked."""
-    return not found.stopped and bool(len(found.scans)) and found.raised_mm == 0.0
+    return not found.stopped and bool(len(found.scans)) and found.ceiling_mm is None
