@@ -110,6 +110,7 @@ KEYS = (
     "rehearsal_residual_mm",
     "rehearsal_residual_true_mm",
     "rehearsal_raised_mm",
+    "rehearsal_raised_s",
     "rehearsal_implant_high_mm",
     "rehearsal_rock_mm",
     "sono_face_error_mm",

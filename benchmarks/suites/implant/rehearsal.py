@@ -74,6 +74,8 @@ def figures(found: Sequence[Rehearsed]) -> Iterator[Metric]:
     yield from _felt(found)
     yield from _reliability(_of(found, "no guard"))
     yield from _limits(found)
+    anew = [one.certified for one in safe if one.certified is not None]
+    yield _share("raised layers certified", anew)
     yield from _measured(safe)
     yield from _seats([one for one in safe if not one.deep])
 

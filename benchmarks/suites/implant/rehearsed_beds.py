@@ -1,7 +1,7 @@
 """Beds rehearsed on one virtual patient: as searched, and too deep on purpose."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from rona_core.app.steps.implant.milling_derivation import milling_model, robot_
 from rona_core.app.steps.implant.milling_motion import milling_plan_of
 from rona_core.app.steps.implant.rehearsal_task import (
     FloorDetector,
+    RaisedMilling,
     burr_way,
     milling_task,
     task_along,
@@ -59,6 +60,7 @@ class Rehearsed:
     most_n: float
     through: Floats  # (n,) probability at every step that the burr was through
     seated: Seated | None  # the implant in the bone; None where the milling was stopped
+    certified: bool | None = None  # the motion of raised layers; None where there are none
 
     @property
     def least_mm(self) -> float:
@@ -83,13 +85,16 @@ def rehearsed(
             aimed = _too_deep(session, held.value, held.value.placed, generator)
         if aimed is None:
             continue
+        verdict = plan.verdicts[plan.chosen]
+        raised = RaisedMilling(aimed, verdict.roll_deg)
         try:
-            verdict = plan.verdicts[plan.chosen]
-            task = _task(aimed, verdict) if bed else milling_task(aimed)
+            task = _task(aimed, verdict, raised) if bed else milling_task(aimed, raised)
         except RonaError:
             continue  # the deeper bed has no path, or no posture there
         for name in GUARDS:
-            yield _rehearsed(number, aimed, task, name, bed)
+            one = _rehearsed(number, aimed, task, name, bed)
+            anew = raised.plan if GUARDS[name].rescan else None
+            yield replace(one, certified=None if anew is None else anew.may_move)
 
 
 def _planned(session: Session) -> Session:
@@ -164,7 +169,7 @@ def _laid(
     return None if left is None else (aimed, float(left))
 
 
-def _task(session: Session, verdict: RollVerdict) -> MillingTask:
+def _task(session: Session, verdict: RollVerdict, raised: RaisedMilling) -> MillingTask:
     """Return a rehearsal with a roll that does for another bed at the same place."""
     view = milling_view(session)
     cutting = robot_path_of(view).cutting
@@ -175,4 +180,4 @@ def _task(session: Session, verdict: RollVerdict) -> MillingTask:
     qs = joint_path(path5d_at(cutting, ways), model, roll_rad, verdict.branch)
     feeds = cutting.feeds_mm_per_s[cutting.moves_at(ways)]
     times_s = np.cumsum(np.diff(ways, prepend=0.0) / feeds)
-    return task_along(session, burr_way(view, ways, qs, times_s))
+    return task_along(session, burr_way(view, ways, qs, times_s), raised)

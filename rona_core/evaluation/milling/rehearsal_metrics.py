@@ -5,15 +5,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.steps.implant.milling_derivation import milling_model
+from rona_core.app.steps.implant.milling_derivation import milling_model, raised_view
 from rona_core.app.steps.implant.milling_motion import require_certified
 from rona_core.app.steps.implant.rehearsal import Rehearsal
 from rona_core.app.steps.implant.rehearsal_task import burr_way
-from rona_core.app.steps.implant.view import milling_view
+from rona_core.app.steps.implant.view import MillingView, milling_view
 from rona_core.evaluation.figures import Figures
 from rona_core.evaluation.milling.milled_bed import seated
 from rona_core.evaluation.truth import Truth
-from rona_core.planning.rehearsal.depth_correction import corrected_way
+from rona_core.planning.rehearsal.site import BurrWay
 from rona_core.session.memo import Memo
 from rona_core.virtual.milling.milling_site import VirtualMillingSite
 from rona_core.virtual.scene import VirtualScene
@@ -33,12 +33,16 @@ def rehearsal_figures(session: "Session", truth: Truth) -> Figures:
 
 
 def _figures(session: "Session", found: Rehearsal, scene: VirtualScene) -> Figures:
-    site = milled_again(session, found, scene)
+    raised = found.raised_plan and found.raised_plan.certified_motion
     figures: Figures = {
         "rehearsal_residual_mm": found.residual_mm,
-        "rehearsal_residual_true_mm": min(site.least_mm),
         "rehearsal_raised_mm": found.raised_mm,
+        "rehearsal_raised_s": raised and raised.duration_s,
     }
+    site = milled_again(session, found, scene)
+    if site is None:
+        return figures
+    figures["rehearsal_residual_true_mm"] = min(site.least_mm)
     if not found.stopped:
         seat = seated(milling_view(session).implant, site.left_bone())
         figures["rehearsal_implant_high_mm"] = seat.high_mm
@@ -46,18 +50,38 @@ def _figures(session: "Session", found: Rehearsal, scene: VirtualScene) -> Figur
     return figures
 
 
-def milled_again(session: "Session", found: Rehearsal, scene: VirtualScene) -> VirtualMillingSite:
-    """Return the site as a rehearsal left it: the burr goes the same way once more."""
+def milled_again(
+    session: "Session", found: Rehearsal, scene: VirtualScene
+) -> VirtualMillingSite | None:
+    """Return the site as a rehearsal left it: the burr goes the same way once more.
+
+    None where nothing was milled, or where the way is not known: files of earlier versions do not
+    hold the motion of raised layers.
+    """
     _, motion = require_certified(session)
     view = milling_view(session)
     way = burr_way(view, motion.path_mm, motion.qs_rad, motion.times_s)
-    ceiling = -np.inf if found.ceiling_mm is None else found.ceiling_mm
-    commanded, _ = corrected_way(way, found.pause, ceiling)
-    commanded = commanded.part(np.arange(len(commanded)) < found.steps)
+    rows, pause = np.arange(len(way)), int(np.searchsorted(way.layers, found.pause, side="right"))
+    first, rest = way.part(rows < pause), way.part(rows >= pause)
+    if found.ceiling_mm is not None:
+        rest = _raised(view, found, rest).after(first)
+    if not 0 < found.steps <= len(first) + len(rest):
+        return None
     site = VirtualMillingSite(scene, milling_model(session, view), found.number)
-    before = commanded.layers <= found.pause
-    for part in (commanded.part(before), commanded.part(~before)):
-        if len(part):
-            site.follow(part)
+    left = found.steps
+    for part in (first, rest):
+        driven = part.part(np.arange(len(part)) < left)
+        left -= len(driven)
+        if len(driven):
+            site.follow(driven)
             site.drive()
     return site
+
+
+def _raised(view: MillingView, found: Rehearsal, planned: BurrWay) -> BurrWay:
+    """Return the way along the raised layers, without a place where they were not milled."""
+    motion, ceiling = found.raised_plan and found.raised_plan.certified_motion, found.ceiling_mm
+    left = None if ceiling is None else raised_view(view, found.pause, ceiling)
+    if left is None or motion is None:
+        return planned.part(np.zeros(len(planned), dtype=np.bool_))
+    return burr_way(left, motion.path_mm, motion.qs_rad, motion.times_s)

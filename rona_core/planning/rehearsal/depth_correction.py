@@ -3,8 +3,8 @@
 import numpy as np
 
 from rona_core.geometry.arrays import Floats, Ints
+from rona_core.planning.milling.milling_path import MillingPath
 from rona_core.planning.placement.chance import scores
-from rona_core.planning.rehearsal.site import BurrWay
 
 
 def ceiling_mm(bottoms_bed: Floats, drawn_mm: Floats, limit_mm: float, score: float) -> float:
@@ -27,25 +27,35 @@ def ceiling_mm(bottoms_bed: Floats, drawn_mm: Floats, limit_mm: float, score: fl
     return median + score * float(np.sqrt((above**2).mean())) if len(above) else median
 
 
-def corrected_way(way: BurrWay, pause: int, ceiling: float) -> tuple[BurrWay, Ints]:
-    """Return the way with its depth corrected, and which planned places (m,) it comes from.
+def raised_path(
+    path: MillingPath, pause: int, ceiling: float, surface_mm: float
+) -> tuple[MillingPath, Ints] | None:
+    """Return what is left to be milled after a layer, nothing of it below a height.
 
-    After the floor was scanned again nothing is milled below a height; layers that would cut
-    nothing any more are left out.
+    Layers above that height stay, one ends on it, those that would cut nothing are left out.
 
     Args:
-        way: As planned.
-        pause: Last layer before the scan; -1: none.
-        ceiling: The height; -inf: as planned.
+        path: As planned, of n places.
+        pause: Last layer that is milled; -1: none.
+        ceiling: The height in ``bed``.
+        surface_mm: Height in ``bed`` that no bone within the outline rises above.
+
+    Returns:
+        The path, and which planned places (m,) it comes from; None where nothing is left.
     """
-    bottoms, later = way.bottoms_bed.copy(), way.layers > pause
-    bottoms[later, 2] = np.maximum(bottoms[later, 2], ceiling)
-    kept = np.ones(len(way), dtype=np.bool_)
-    lowest: dict[float, float] = {}  # of each burr so far
-    for layer in np.unique(way.layers):
-        own = way.layers == layer
-        radius, depth = float(way.radii_mm[own][0]), float(bottoms[own, 2].min())
-        before = lowest.get(radius, np.inf)
+    heights, later = path.bottoms_bed()[:, 2], path.layers > pause
+    lifts = np.where(later, np.maximum(ceiling - heights, 0.0), 0.0)
+    kept = later.copy()
+    lowest: dict[int, float] = {}  # of each burr so far
+    for layer in np.unique(path.layers):
+        own = path.layers == layer
+        burr, depth = int(path.tools[own][0]), float((heights + lifts)[own].min())
+        before = lowest.get(burr, surface_mm)
         kept &= ~own | (depth < before - 1e-6)
-        lowest[radius] = min(depth, before)
-    return way.at(bottoms).part(kept), np.flatnonzero(kept)
+        lowest[burr] = min(depth, before)
+    rows = np.flatnonzero(kept)
+    if not len(rows):
+        return None
+    tips = path.tips_bed + lifts[:, None] * (0.0, 0.0, 1.0)
+    moves, layers, tools = (part[rows] for part in (path.moves, path.layers, path.tools))
+    return MillingPath(tips[rows], path.axes_bed[rows], moves, layers, tools, path.burrs), rows

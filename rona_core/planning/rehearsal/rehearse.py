@@ -16,7 +16,7 @@ from rona_core.geometry.arrays import Bools, Floats
 from rona_core.planning.placement.chance import chance_above
 from rona_core.planning.rehearsal.breakthrough import Breakthrough
 from rona_core.planning.rehearsal.commanded_floor import CommandedFloor
-from rona_core.planning.rehearsal.depth_correction import ceiling_mm, corrected_way
+from rona_core.planning.rehearsal.depth_correction import ceiling_mm
 from rona_core.planning.rehearsal.feed_control import FeedControl
 from rona_core.planning.rehearsal.floor_residuals import CorrectedBone, MeasuredFloor
 from rona_core.planning.rehearsal.site import BurrWay, MillingSite
@@ -37,6 +37,9 @@ Heights = Callable[[Floats], Floats]
 Mapped = Callable[[Floats], tuple[Floats, Floats]]
 # A-scans on a floor, places -> thickness, sigma, ok (m,), and the relative sigma that all share
 MeasureFloor = Callable[[AScanTrack, Floats], tuple[Floats, Floats, Bools, float]]
+# what is left of the way after a layer, nothing of it below a height, in the postures of a motion
+# that is certified for it; None: nothing is left, or no motion is certified
+RaiseWay = Callable[[int, float], BurrWay | None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +57,7 @@ class MillingTask:
     way: BurrWay
     mapped: Mapped
     outer_mm: Heights  # of the mapped outer boundary
+    raised: RaiseWay
     limit_mm: float
     probability: float
     face_radius_mm: float  # of the probe
@@ -66,7 +70,7 @@ class MillingOutcome:
 
     pause: int  # last layer before the floor was scanned again; -1: it was not
     ceiling_mm: float  # height below which nothing was to be milled after that; -inf: as planned
-    steps: int  # of the way, see `corrected_way`
+    steps: int  # done, up to the scan on the way as planned and then on the raised one
     stopped: bool  # by the force
     asked: int  # places of the floor that were scanned
     measured: MeasuredFloor | None  # what counted of them
@@ -124,47 +128,44 @@ class _Rehearsal:
         drawn = task.mapped(way.bottoms_bed)[1]
         pause = self._pause(drawn) if self._guards.rescan else -1
         wander = HEAD_MM * np.random.default_rng(0).standard_normal(drawn.shape[1])
-        before: Bools = way.layers <= pause
-        first, above = way.part(before), np.flatnonzero(before)
-
-        def before_scan(row: int) -> Floats:
-            return np.asarray(drawn[above[row]] + wander)
-
-        done, stopped = self._mill(first, before_scan)
-        measured, asked, ceiling = None, 0, -np.inf
+        count = int(np.searchsorted(way.layers, pause, side="right"))
+        later = np.arange(len(way)) >= count
+        first, rest = way.part(~later), way.part(later)
+        done, stopped = self._mill(first, lambda row: np.asarray(drawn[row] + wander))
+        asked, measured, ceiling, steps, below = 0, None, -np.inf, 0, drawn[count:]
         if not stopped:
             if len(first):
                 asked, measured = self._scan(measure, first)
-            if measured is not None:
-                drawn = CorrectedBone(measured).draws(way.bottoms_bed, drawn, overwrite=True)
-            drawn += wander
+            bone = None if measured is None else CorrectedBone(measured)
+            drawn = _corrected(bone, way.bottoms_bed, drawn, wander)
+            below = drawn[count:]
             if self._guards.rescan:
-                bottoms, score = way.bottoms_bed[~before], float(ndtri(task.probability))
-                ceiling = ceiling_mm(bottoms, drawn[~before], task.limit_mm, score)
-        commanded, rows = corrected_way(way, pause, ceiling)
-        lifted = commanded.bottoms_bed[:, 2] - way.bottoms_bed[rows, 2]
-
-        def thought(row: int) -> Floats:
-            return np.asarray(drawn[rows[row]] + lifted[row])
-
-        if not stopped:
-            after = np.arange(len(commanded)) >= len(first)
-            rest = commanded.part(after)
-            steps, stopped = self._mill(rest, lambda row: thought(len(first) + row))
-            done += steps
+                score = float(ndtri(task.probability))
+                ceiling = ceiling_mm(rest.bottoms_bed, below, task.limit_mm, score)
+            if ceiling > -np.inf:
+                raised = task.raised(pause, ceiling)
+                rest = rest.part(np.zeros(len(rest), np.bool_)) if raised is None else raised
+                rest, below = rest.after(first), below[:0]
+                if len(rest):
+                    mapped = task.mapped(rest.bottoms_bed)[1]
+                    below = _corrected(bone, rest.bottoms_bed, mapped, wander)
+            steps, stopped = self._mill(rest, lambda row: below[row])
         self._progress(1.0)
-        lowest = float(commanded.bottoms_bed[:done, 2].min())
-        left = thought(0)
-        for row in range(1, done):
-            np.minimum(left, thought(row), out=left)
+        bottoms = np.concatenate((first.bottoms_bed[:done, 2], rest.bottoms_bed[:steps, 2]))
+        left = np.minimum(
+            drawn[:done].min(axis=0, initial=np.inf), below[:steps].min(axis=0, initial=np.inf)
+        )
+        if not len(bottoms):  # the bone is whole
+            bottoms = task.outer_mm(way.bottoms_bed)
+            left = (drawn + (bottoms - way.bottoms_bed[:, 2])[:, None]).min(axis=0)
         return MillingOutcome(
             pause=pause,
             ceiling_mm=ceiling,
-            steps=done,
+            steps=done + steps,
             stopped=stopped,
             asked=asked,
             measured=measured,
-            raised_mm=max(lowest - float(way.bottoms_bed[:, 2].min()), 0.0),
+            raised_mm=max(float(bottoms.min() - way.bottoms_bed[:, 2].min()), 0.0),
             residual_mm=float(np.median(left)),
             probability=chance_above(left, task.limit_mm).probability,
             duration_s=self._duration_s,
@@ -233,6 +234,16 @@ class _Rehearsal:
                 if self._cancel():
                     raise CancelledError("cancelled")
         return len(way), False
+
+
+def _corrected(
+    bone: CorrectedBone | None, places_bed: Floats, drawn_mm: Floats, wander_mm: Floats
+) -> Floats:
+    """Return the bone below places (n, 3) in draws (n, k), by what was measured; in their place."""
+    if bone is not None:
+        drawn_mm = bone.draws(places_bed, drawn_mm, overwrite=True)
+    drawn_mm += wander_mm
+    return drawn_mm
 
 
 def _surely(drawn_mm: Floats, sigmas: float) -> Floats:

@@ -48,6 +48,10 @@ class BurrWay:
         """Return the way with other places (n, 3)."""
         return replace(self, bottoms_bed=bottoms_bed)
 
+    def after(self, other: "BurrWay") -> "BurrWay":
+        """Return the way with its times going on from those of another one, if that has any."""
+        return replace(self, times_s=self.times_s + other.times_s.max(initial=0.0))
+
 
 @dataclass(frozen=True, slots=True)
 class ForceReading:

@@ -39,6 +39,7 @@ class CuttingPlanSettings:
     """Working set of rolls, how to drive, and what stands around."""
 
     n_rolls: int = 36
+    roll_from_deg: float = 0.0  # the first of them, over a full turn
     margin_limits: MarginLimits = WIDE
     cutting: CuttingSettings = field(default_factory=CuttingSettings)
     obstacles: Obstacles | None = None  # None: no collisions are checked
@@ -72,10 +73,11 @@ def plan_cutting(
     settings = settings or CuttingPlanSettings()
     total_mm = float(path.way_mm()[-1])
     ways = np.linspace(0.0, total_mm, max(2, int(np.ceil(total_mm / SEARCH_MM)) + 1))
+    first_deg = settings.roll_from_deg
     evaluation = evaluate_constant_rolls(
         path5d_at(path, ways),
         model,
-        working_set_deg(settings.n_rolls, 0.0, 360.0),
+        working_set_deg(settings.n_rolls, first_deg, first_deg + 360.0),
         settings.margin_limits,
         progress=lambda share: progress(SEARCH_SHARE * share),
         cancel=cancel,

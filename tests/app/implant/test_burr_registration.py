@@ -14,7 +14,7 @@ from rona_core.app.steps.implant.burr.view import burr_view
 from rona_core.app.steps.implant.derivation import execution_error
 from rona_core.app.steps.implant.messages import PlaceBed
 from rona_core.app.steps.implant.milling_derivation import milling_model
-from rona_core.app.steps.implant.rehearsal_task import milling_task
+from rona_core.app.steps.implant.rehearsal_task import RaisedMilling, milling_task
 from rona_core.app.steps.implant.view import UNREGISTERED, milling_view, placed_turns, verdict
 from rona_core.app.steps.setup.messages import SetSeed, SetWorld
 from rona_core.app.steps.tool.messages import RegisterTool, StartToolCapture
@@ -87,7 +87,10 @@ def test_the_milling_goes_where_the_registered_tip_is(demo):
     moved = plain.T_flange_tip.inv() @ model.T_flange_tip
     np.testing.assert_allclose(moved.translation, offset, atol=1e-12)
     # in truth the burr is off by what the registration does not know, instead of all of it
-    way, scene = milling_task(demo).way, build_virtual_rig(demo.setup).scene
+    way, scene = (
+        milling_task(demo, RaisedMilling(demo, 0.0)).way,
+        build_virtual_rig(demo.setup).scene,
+    )
     truth = scene.world.spindle_off_tip
     corrected, drawn = (true_centers_bed(scene, one, way, 100_001) for one in (model, plain))
     shifts = np.linalg.norm(corrected - drawn, axis=1)

@@ -8,12 +8,18 @@ import pytest
 from rona_core.app.dependencies.requirements import blocked_reason
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.implant.messages import RehearseMilling
+from rona_core.app.steps.implant.milling_motion import require_certified
 from rona_core.app.steps.implant.rehearsal import (
     rehearsal_ok,
     rehearsal_stale,
     rehearsal_verdict,
 )
-from rona_core.app.steps.implant.rehearsal_task import STEP_MM, FloorDetector, milling_task
+from rona_core.app.steps.implant.rehearsal_task import (
+    STEP_MM,
+    FloorDetector,
+    RaisedMilling,
+    milling_task,
+)
 from rona_core.app.steps.implant.view import milling_view
 from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.compose import milling_site, new_workbench, virtual_services
@@ -30,6 +36,11 @@ from tests.helpers.ui.beds import bed_only
 
 def rehearsal_of(session):
     return session.results.more["rehearsal"].value
+
+
+def raiser(session):
+    plan, _ = require_certified(session)
+    return RaisedMilling(session, plan.verdicts[plan.chosen].roll_deg)
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +74,7 @@ def test_the_floor_is_heard_and_the_verdict_says_what_followed(rehearsed):
     said = rehearsal_verdict(found)
     assert f"scanned again at {found.asked} places" in said
     assert ("higher than planned" in said) == (found.raised_mm > 0.0)
-    assert rehearsal_ok(found) == (found.raised_mm == 0.0 and not found.stopped)
+    assert rehearsal_ok(found) == (found.ceiling_mm is None and not found.stopped)
 
 
 def test_the_same_number_gives_the_same_rehearsal_and_another_gives_another(milled, rehearsed):
@@ -97,7 +108,7 @@ def test_it_can_be_cancelled_and_leaves_nothing(milled):
 
 
 def test_the_burr_goes_where_it_is_told_but_for_the_errors_of_a_robot(milled):
-    way = milling_task(milled).way
+    way = milling_task(milled, raiser(milled)).way
     site = milling_site(milled, 1)
     site.follow(way)
     path = milling_view(milled).path
@@ -122,7 +133,7 @@ def test_without_a_virtual_patient_there_is_no_bone_to_rehearse_on(milled, tmp_p
 
 def test_the_burr_goes_the_same_way_once_more_for_the_figures(rehearsed):
     found, site = rehearsal_of(rehearsed), milling_site(rehearsed, 1)
-    task = milling_task(rehearsed)
+    task = milling_task(rehearsed, raiser(rehearsed))
     rehearse(task, site, FloorDetector(rehearsed, task.way.T_base_bed))
     again = milled_again(rehearsed, found, site._scene)
     np.testing.assert_array_equal(again.least_mm, site.least_mm)

@@ -82,7 +82,7 @@ def test_the_procedure_completes_within_the_goals(demo):
     of_burr = {key for key in figures if key.startswith("burr_")}  # nor registered it
     assert len(of_burr) == 2
     of_rehearsal = {key for key in figures if key.startswith("rehearsal_")}
-    assert len(of_rehearsal) == 5
+    assert len(of_rehearsal) == 6
     assert nothing == {
         "failed_step",
         "reason",

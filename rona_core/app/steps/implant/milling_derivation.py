@@ -1,5 +1,7 @@
 """Compute how the robot mills the bed of step 10."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from rona_core.app.dependencies.staleness import session_obstacles
@@ -7,8 +9,10 @@ from rona_core.app.steps.implant.burr.derivation import known_burr
 from rona_core.app.steps.implant.messages import PlanMilling
 from rona_core.app.steps.implant.milling_plan import MillingPlan
 from rona_core.app.steps.implant.view import MillingView, milling_view
-from rona_core.devices.protocols import Cancel, Progress
+from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.geometry.arrays import readonly
+from rona_core.planning.milling.feeds import duration_s
+from rona_core.planning.rehearsal.depth_correction import raised_path
 from rona_core.planning.robot_milling.robot_path import (
     RobotPath,
     milling_obstacles,
@@ -35,10 +39,32 @@ def derive_milling(
         StaleResultError: it is of other maps.
         CancelledError: somebody cancelled.
     """
-    view = milling_view(session)
+    settings = CuttingPlanSettings(n_rolls=message.n_rolls)
+    return plan_view(session, milling_view(session), settings, progress=progress, cancel=cancel)
+
+
+def plan_view(
+    session: Session,
+    view: MillingView,
+    settings: CuttingPlanSettings,
+    *,
+    progress: Progress = silent,
+    cancel: Cancel = never,
+) -> MillingPlan:
+    """Return how the robot of a session mills a bed, or why it cannot.
+
+    Args:
+        session: With the robot and its surroundings.
+        view: The milling path of the bed.
+        settings: Rolls to try; the surroundings are those of the session.
+        progress: Told the share that is done.
+        cancel: Asked during the search.
+
+    Raises:
+        CancelledError: somebody cancelled.
+    """
     path, model = robot_path_of(view).cutting, milling_model(session, view)
-    obstacles = milling_obstacles(session_obstacles(session), path)
-    settings = CuttingPlanSettings(n_rolls=message.n_rolls, obstacles=obstacles)
+    settings = replace(settings, obstacles=milling_obstacles(session_obstacles(session), path))
     plan = plan_cutting(path, model, settings, progress=progress, cancel=cancel)
     motion = plan.trajectory
     return MillingPlan(
@@ -50,6 +76,19 @@ def derive_milling(
         layer_ends_s=readonly(NONE if motion is None else path.rest_times_s(motion)[1:]),
         changes_s=readonly(NONE if motion is None else path.change_times_s(motion)),
     )
+
+
+def raised_view(view: MillingView, pause: int, ceiling_mm: float) -> MillingView | None:
+    """Return a bed with what is left of its milling path, see ``raised_path``; None: nothing.
+
+    The fit of the implant stays that of the planned bed.
+    """
+    raised = raised_path(view.path, pause, ceiling_mm, view.surface_mm)
+    if raised is None:
+        return None
+    path, rows = raised
+    feeds = readonly(view.feeds_mm_per_s[rows])
+    return replace(view, path=path, feeds_mm_per_s=feeds, duration_s=duration_s(path, feeds))
 
 
 def robot_path_of(view: MillingView) -> RobotPath:

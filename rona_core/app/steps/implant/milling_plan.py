@@ -31,6 +31,11 @@ class MillingPlan:
         """Whether there is a motion and its certificate stands."""
         return is_certified(self.trajectory, self.certificate)
 
+    @property
+    def certified_motion(self) -> Trajectory | None:
+        """The motion if its certificate stands, else None."""
+        return self.trajectory if self.may_move else None
+
 
 def why_no_milling(plan: MillingPlan) -> str | None:
     """Return why the robot cannot mill the bed, None where it can."""

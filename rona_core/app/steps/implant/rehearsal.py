@@ -1,17 +1,20 @@
 """A rehearsal of the milling, as a session holds it, and what to say of it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.implant.messages import RehearseMilling
-from rona_core.app.steps.implant.rehearsal_task import FloorDetector, milling_task
+from rona_core.app.steps.implant.milling_motion import require_certified
+from rona_core.app.steps.implant.milling_plan import MillingPlan, why_no_milling
+from rona_core.app.steps.implant.rehearsal_task import FloorDetector, RaisedMilling, milling_task
 from rona_core.app.steps.implant.view import percent
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.geometry.arrays import Floats, Ints, readonly
 from rona_core.planning.rehearsal.rehearse import rehearse
 from rona_core.planning.rehearsal.site import MillingSite
+from rona_core.session.codec import OMIT_EMPTY
 from rona_core.session.document import Session
 from rona_core.session.memo import remember
 
@@ -37,6 +40,9 @@ class Rehearsal:
     probability: float  # that it is as much as was asked for
     duration_s: float  # of cutting
     most_n: float  # cutting force
+    # the layers that were left, planned anew at their corrected depth; None: as planned before,
+    # nothing was left, or a file of a version that did not plan them
+    raised_plan: MillingPlan | None = field(default=None, metadata=OMIT_EMPTY)
 
 
 def derive_rehearsal(
@@ -54,7 +60,9 @@ def derive_rehearsal(
         StaleResultError: it is of another bed, robot or surroundings.
         CancelledError: somebody cancelled.
     """
-    task = milling_task(session)
+    planned, _ = require_certified(session)
+    raised = RaisedMilling(session, planned.verdicts[planned.chosen].roll_deg)
+    task = milling_task(session, raised)
     detector = FloorDetector(session, task.way.T_base_bed)
     outcome = rehearse(task, site, detector, progress=progress, cancel=cancel)
     measured = outcome.measured
@@ -76,6 +84,7 @@ def derive_rehearsal(
         probability=outcome.probability,
         duration_s=outcome.duration_s,
         most_n=outcome.most_n,
+        raised_plan=raised.plan,
     )
 
 
@@ -97,17 +106,35 @@ def rehearsal_verdict(found: Rehearsal) -> str:
         if found.asked
         else "the floor could not be scanned again"
     )
-    depth = (
-        f"the last layers ended {found.raised_mm:.2f} mm higher than planned"
-        if found.raised_mm > 0.0
-        else "the bed was milled as deep as planned"
-    )
     return (
-        f"Rehearsed: {floor}; {depth}, and {found.limit_mm:g} mm of bone stay with "
+        f"Rehearsed: {floor}; {_depth(found)}, and {found.limit_mm:g} mm of bone stay with "
         f"{percent(found.probability)}."
+    )
+
+
+def _depth(found: Rehearsal) -> str:
+    """Return how deep was milled, and what became of the plan of the raised layers."""
+    if found.ceiling_mm is None:
+        return "the bed was milled as deep as planned"
+    higher, plan = f"{found.raised_mm:.2f} mm higher than planned", found.raised_plan
+    ended = f"milling ended with the last finished layer, {higher}"
+    if not found.steps:
+        ended = "nothing was milled"
+    if plan is None:
+        return ended
+    motion = plan.certified_motion
+    if motion is None:
+        return (
+            "the last layers had to end higher, but the robot cannot mill them so: "
+            f"{why_no_milling(plan)}; {ended}"
+        )
+    minutes, seconds = divmod(round(motion.duration_s), 60)
+    return (
+        f"the last layers, planned anew and certified ({minutes} min {seconds:02d} s), ended "
+        f"{higher}"
     )
 
 
 def rehearsal_ok(found: Rehearsal) -> bool:
     """Return whether all went as planned, as surely as was asked."""
-    return not found.stopped and bool(len(found.scans)) and found.raised_mm == 0.0
+    return not found.stopped and bool(len(found.scans)) and found.ceiling_mm is None

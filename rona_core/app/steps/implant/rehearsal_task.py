@@ -5,8 +5,9 @@ import numpy as np
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.steps.acoustics.derivation import first_speed, robot_probe, usable_speed
 from rona_core.app.steps.implant.derivation import execution_error, mapped_bone
-from rona_core.app.steps.implant.milling_derivation import robot_path_of
+from rona_core.app.steps.implant.milling_derivation import plan_view, raised_view, robot_path_of
 from rona_core.app.steps.implant.milling_motion import require_certified
+from rona_core.app.steps.implant.milling_plan import MillingPlan
 from rona_core.app.steps.implant.view import MillingView, boundary_heights, milling_view
 from rona_core.devices.samples import AScanTrack
 from rona_core.geometry.arrays import Bools, Floats
@@ -14,8 +15,9 @@ from rona_core.geometry.pose import Pose
 from rona_core.planning.placement.problem import PlacementProblem
 from rona_core.planning.placement.residuals import residuals
 from rona_core.planning.placement.settings import PlacementLimits
-from rona_core.planning.rehearsal.rehearse import MillingTask
+from rona_core.planning.rehearsal.rehearse import MillingTask, RaiseWay
 from rona_core.planning.rehearsal.site import BurrWay
+from rona_core.robot.planning.plan_cutting import CuttingPlanSettings
 from rona_core.session.document import Session
 from rona_core.ultrasound.acoustic_calibration.reference_points import at_speed
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import speed_at
@@ -28,7 +30,7 @@ MIXED_SHARE = 0.02  # sigma of the speed in what is left, over that of the whole
 NOMINAL_SHARE = 0.04  # where no caliper gave the speed
 
 
-def milling_task(session: Session) -> MillingTask:
+def milling_task(session: Session, raised: RaiseWay) -> MillingTask:
     """Return what is to be rehearsed: the certified motion over the maps.
 
     Raises:
@@ -38,11 +40,11 @@ def milling_task(session: Session) -> MillingTask:
     _, motion = require_certified(session)
     view = milling_view(session)
     way = burr_way(view, motion.path_mm, motion.qs_rad, motion.times_s)
-    return task_along(session, way)
+    return task_along(session, way, raised)
 
 
-def task_along(session: Session, way: BurrWay) -> MillingTask:
-    """Return what is to be rehearsed along a way."""
+def task_along(session: Session, way: BurrWay, raised: RaiseWay) -> MillingTask:
+    """Return what is to be rehearsed along a way; ``raised`` plans what is left of it anew."""
     bone, held = mapped_bone(session), require_result(session.results.get("bed"), "bed").value
     problem = PlacementProblem(
         bone, execution_error(session), PlacementLimits(held.limit_mm, held.required)
@@ -64,6 +66,7 @@ def task_along(session: Session, way: BurrWay) -> MillingTask:
         way=way,
         mapped=mapped,
         outer_mm=outer_mm,
+        raised=raised,
         limit_mm=held.limit_mm,
         probability=held.required,
         face_radius_mm=probe.aperture_radius_mm,
@@ -100,6 +103,34 @@ def burr_way(view: MillingView, ways_mm: Floats, qs_rad: Floats, times_s: Floats
         feeds_mm_per_s=cutting.feeds_mm_per_s[moves],
         layers=view.path.layers[path.places[moves]],
     )
+
+
+class RaisedMilling:
+    """Planner of the layers that are left once their depth was corrected; a ``RaiseWay``.
+
+    Attributes:
+        plan: What it planned last; None before that, and where nothing was left to be milled.
+    """
+
+    def __init__(self, session: Session, roll_deg: float) -> None:
+        """Plan for the robot of a session; only where this roll fails are all others tried."""
+        self._session, self._roll_deg = session, roll_deg
+        self.plan: MillingPlan | None = None
+
+    def __call__(self, pause: int, ceiling_mm: float) -> BurrWay | None:
+        """Return the way after a layer, nothing of it below a height of ``bed``, if certified."""
+        self.plan, session = None, self._session
+        view = raised_view(milling_view(session), pause, ceiling_mm)
+        if view is None:
+            return None
+        same = CuttingPlanSettings(n_rolls=1, roll_from_deg=self._roll_deg)
+        self.plan = plan_view(session, view, same)
+        if not self.plan.may_move:
+            self.plan = plan_view(session, view, CuttingPlanSettings())
+        motion = self.plan.certified_motion
+        if motion is None:
+            return None
+        return burr_way(view, motion.path_mm, motion.qs_rad, motion.times_s)
 
 
 class FloorDetector:

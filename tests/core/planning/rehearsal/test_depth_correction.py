@@ -3,22 +3,24 @@
 import numpy as np
 import pytest
 
-from rona_core.geometry.pose import Pose
-from rona_core.planning.rehearsal.depth_correction import ceiling_mm, corrected_way
-from rona_core.planning.rehearsal.site import BurrWay
+from rona_core.planning.milling.burr import Burr
+from rona_core.planning.milling.milling_path import MillingPath, Move
+from rona_core.planning.rehearsal.depth_correction import ceiling_mm, raised_path
 
 
-def way(depths, radii):
-    """Return a way of three places a layer."""
-    n = 3 * len(depths)
-    return BurrWay(
-        Pose.identity(),
-        np.column_stack((np.tile((0.0, 1.0, 2.0), len(depths)), np.zeros(n), np.repeat(depths, 3))),
-        np.repeat(np.asarray(radii, dtype=np.float64), 3),
-        np.zeros((n, 6)),
-        np.arange(n, dtype=np.float64),
-        np.ones(n),
-        np.repeat(np.arange(len(depths)), 3),
+def path(depths, tools):
+    """Return a path that comes down, cuts two places and goes up again, layer by layer."""
+    n, down = 4 * len(depths), np.array((0.0, np.sin(0.2), -np.cos(0.2)))
+    axes, radii = np.tile(down, (n, 1)), np.repeat(np.array((2.5, 1.0))[list(tools)], 4)
+    heights = np.concatenate([(2.0, depth, depth, 2.0) for depth in depths])
+    bottoms = np.column_stack((np.tile((0.0, 0.0, 1.0, 1.0), len(depths)), np.zeros(n), heights))
+    return MillingPath(
+        bottoms + radii[:, None] * (axes + (0.0, 0.0, 1.0)),
+        axes,
+        np.tile((Move.RETRACT, Move.CUT, Move.CUT, Move.RETRACT), len(depths)),
+        np.repeat(np.arange(len(depths)), 4),
+        np.repeat(tools, 4),
+        (Burr(5.0, 2.5), Burr(2.0, 1.0)),
     )
 
 
@@ -39,22 +41,28 @@ def test_at_the_ceiling_the_limit_holds_as_surely_as_was_asked(mean):
     assert kept == pytest.approx(0.99, abs=0.006)
 
 
-def test_as_planned_all_of_the_way_is_told():
-    planned = way((-1.0, -2.0, -3.0, -2.5), (2.5, 2.5, 2.5, 1.0))
-    commanded, rows = corrected_way(planned, 0, -np.inf)
-    assert rows.tolist() == list(range(12))
-    np.testing.assert_array_equal(commanded.bottoms_bed, planned.bottoms_bed)
+def test_below_the_ceiling_nothing_is_left_and_above_it_all_stays():
+    planned = path((-1.0, -2.0, -3.0, -2.5), (0, 0, 0, 1))
+    left, rows = raised_path(planned, 0, -2.2, 0.5)
+    assert left.bottoms_bed()[:, 2].min() == pytest.approx(-2.2)
+    assert np.unique(left.layers).tolist() == [1, 2, 3]
+    np.testing.assert_array_equal(left.tips_bed[:, :2], planned.tips_bed[rows, :2])
+    stays = planned.bottoms_bed()[rows, 2] >= -2.2
+    np.testing.assert_array_equal(left.tips_bed[stays], planned.tips_bed[rows[stays]])
+    np.testing.assert_array_equal(left.axes_bed, planned.axes_bed[rows])
 
 
 def test_a_layer_is_raised_and_those_that_would_cut_nothing_are_left_out():
-    planned = way((-1.0, -2.0, -3.0, -2.0, -3.0), (2.5, 2.5, 2.5, 1.0, 1.0))
-    commanded, rows = corrected_way(planned, 0, -1.6)
-    assert np.unique(commanded.layers).tolist() == [0, 1, 3]  # the rim is cut once, too
-    assert commanded.bottoms_bed[:, 2].tolist() == [-1.0] * 3 + [-1.6] * 6
-    assert rows.tolist() == [0, 1, 2, 3, 4, 5, 9, 10, 11]
+    left, rows = raised_path(path((-1.0, -2.0, -3.0, -2.0, -3.0), (0, 0, 0, 1, 1)), 0, -1.6, 0.5)
+    assert np.unique(left.layers).tolist() == [1, 3]  # the rim is cut once, too
+    assert left.bottoms_bed()[:, 2] == pytest.approx([2.0, -1.6, -1.6, 2.0] * 2)
+    assert rows.tolist() == [4, 5, 6, 7, 12, 13, 14, 15]
 
 
 def test_what_is_milled_already_is_not_milled_again():
-    commanded, _ = corrected_way(way((-1.0, -2.0, -3.0), (2.5, 2.5, 2.5)), 1, -1.2)
-    assert np.unique(commanded.layers).tolist() == [0, 1]
-    assert commanded.bottoms_bed[:, 2].min() == -2.0
+    assert raised_path(path((-1.0, -2.0, -3.0), (0, 0, 0)), 1, -1.2, 0.5) is None
+
+
+def test_above_the_bone_nothing_is_milled():
+    assert raised_path(path((-1.0, -2.0), (0, 0)), -1, 0.6, 0.5) is None
+    assert raised_path(path((-1.0, -2.0), (0, 0)), -1, 0.4, 0.5) is not None

@@ -1,5 +1,7 @@
 """A whole rehearsal at a site whose bone is a plate: measured, put right, stopped, cancelled."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -64,15 +66,30 @@ class Plate:
         return measured, np.full(n, 0.05), np.ones(n, dtype=np.bool_), 0.01
 
 
-def task(way=None, mapped_mm=MAPPED_MM):
+def clamped(way):
+    """Return what raises a way without a robot: it has all postures."""
+
+    def raised(pause, ceiling):
+        left = way.part(way.layers > pause)
+        bottoms = left.bottoms_bed.copy()
+        bottoms[:, 2] = np.maximum(bottoms[:, 2], ceiling)
+        return left.at(bottoms)
+
+    return raised
+
+
+def task(way=None, mapped_mm=MAPPED_MM, raised=None):
+    way = way or bed_way()
+
     def mapped(places_bed):
         left = places_bed[:, 2] - mapped_mm
         return left, left[:, None] + OFF
 
     return MillingTask(
-        way=way or bed_way(),
+        way=way,
         mapped=mapped,
         outer_mm=lambda places: np.zeros(len(places)),
+        raised=raised or clamped(way),
         limit_mm=LIMIT_MM,
         probability=0.99,
         face_radius_mm=3.0,
@@ -90,6 +107,48 @@ def test_a_thinner_bone_is_heard_and_the_last_layers_end_higher():
     assert outcome.raised_mm == pytest.approx(site.lowest_mm - DEPTHS[-1])
     assert outcome.residual_mm == pytest.approx(left, abs=0.2)
     assert not outcome.stopped
+
+
+def test_a_raised_way_is_milled_as_it_was_planned_anew_and_time_goes_on():
+    asked, followed, site = [], [], Plate(MAPPED_MM + 0.9)
+
+    def raised(pause, ceiling):
+        asked.append((pause, ceiling))
+        left = clamped(bed_way())(pause, ceiling)
+        postures = np.ones_like(left.qs_rad)
+        return replace(left, qs_rad=postures, times_s=10.0 + np.arange(len(left)))
+
+    follow = site.follow
+    site.follow = lambda way: (followed.append(way), follow(way))
+    outcome = rehearse(task(raised=raised), site, site.measure)
+    assert asked == [(outcome.pause, outcome.ceiling_mm)]
+    first, rest = followed
+    assert (first.layers.max(), rest.layers.min()) == (outcome.pause, outcome.pause + 1)
+    assert (first.qs_rad == 0.0).all()
+    assert (rest.qs_rad == 1.0).all()
+    assert rest.times_s[0] == first.times_s[-1] + 10.0
+    assert outcome.steps == len(first) + len(rest)
+    assert site.lowest_mm == rest.bottoms_bed[:, 2].min() == outcome.ceiling_mm
+
+
+def test_without_a_certified_way_milling_ends_with_the_last_finished_layer():
+    site = Plate(MAPPED_MM + 0.9)
+    outcome = rehearse(task(raised=lambda pause, ceiling: None), site, site.measure)
+    assert outcome.ceiling_mm > -np.inf
+    assert site.lowest_mm == DEPTHS[outcome.pause]
+    assert outcome.steps == (bed_way().layers <= outcome.pause).sum() == len(outcome.through)
+    assert outcome.raised_mm == DEPTHS[outcome.pause] - DEPTHS[-1] > 0.0
+    assert outcome.residual_mm == pytest.approx(site.lowest_mm - site.inner_mm, abs=0.2)
+    assert not outcome.stopped
+
+
+def test_where_nothing_was_milled_all_of_the_bone_is_left():
+    """By the maps there is too little bone to be heard, and no way above it is certified."""
+    site = Plate(-3.8)
+    outcome = rehearse(task(bed_way((-3.5,)), -3.8, lambda pause, ceiling: None), site, None)
+    assert (outcome.pause, outcome.asked, outcome.steps, site.lowest_mm) == (-1, 0, 0, 0.0)
+    assert outcome.raised_mm == 3.5
+    assert outcome.residual_mm == pytest.approx(3.8, abs=0.1)
 
 
 def test_bone_as_thick_as_mapped_is_milled_as_planned():

@@ -1,0 +1,153 @@
+"""Layers that end higher than planned: planned and certified anew, or milling ends before them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rona_core.app.steps.implant import rehearsal, rehearsal_task
+from rona_core.app.steps.implant.messages import RehearseMilling
+from rona_core.app.steps.implant.milling_derivation import (
+    milling_model,
+    plan_view,
+    raised_view,
+    robot_path_of,
+)
+from rona_core.app.steps.implant.milling_motion import require_certified
+from rona_core.app.steps.implant.rehearsal import derive_rehearsal, rehearsal_ok, rehearsal_verdict
+from rona_core.app.steps.implant.rehearsal_task import RaisedMilling, milling_task
+from rona_core.app.steps.implant.view import milling_view
+from rona_core.compose import milling_site
+from rona_core.devices.protocols import never, silent
+from rona_core.evaluation.milling.rehearsal_metrics import milled_again, rehearsal_figures
+from rona_core.evaluation.truth import truth_of
+from rona_core.robot.verification.cutting_verifier import verify_cutting
+from rona_core.session.codec import digest
+from rona_core.session.files import load_session, session_bytes, session_from_bytes
+from rona_ui.resources import demo_session
+
+THICK_MM = 1.0  # more bone than the planned bed is sure to leave
+
+
+@pytest.fixture(scope="module")
+def milled():
+    return load_session(demo_session())
+
+
+def roll_of(session):
+    plan, _ = require_certified(session)
+    return plan.verdicts[plan.chosen].roll_deg
+
+
+def asked_for_more(monkeypatch):
+    """Let a rehearsal ask for more bone than the bed was planned for."""
+
+    def thicker(session, raised):
+        task = milling_task(session, raised)
+        residual_mm = float(np.median(task.mapped(task.way.bottoms_bed)[1].min(axis=0)))
+        return replace(task, limit_mm=residual_mm + 0.5)
+
+    monkeypatch.setattr(rehearsal, "milling_task", thicker)
+
+
+def rehearsed(session):
+    site = milling_site(session, 1)
+    found = derive_rehearsal(session, RehearseMilling(), site, progress=silent, cancel=never)
+    held = replace(session.results.more["rehearsal"], value=found)
+    return session.with_result("rehearsal", held), found, site
+
+
+def test_raised_layers_are_milled_in_their_own_certified_motion(milled, monkeypatch):
+    asked_for_more(monkeypatch)
+    session, found, site = rehearsed(milled)
+    plan = found.raised_plan
+    assert plan.may_move
+    assert found.raised_mm > 0.3
+    assert [verdict.roll_deg for verdict in plan.verdicts] == [roll_of(milled)]  # no search
+    view = milling_view(milled)
+    left = raised_view(view, found.pause, found.ceiling_mm)
+    lowest = left.path.bottoms_bed()[:, 2].min()
+    assert lowest == pytest.approx(found.ceiling_mm, abs=1e-9)
+    planned = view.path.bottoms_bed()[:, 2].min()
+    assert lowest == pytest.approx(planned + found.raised_mm, abs=0.01)
+    # the motion itself: it never goes below that height, and it is no part of the planned one
+    model, cutting = milling_model(milled, left), robot_path_of(left).cutting
+    assert verify_cutting(model, plan.trajectory, cutting).certified
+    tips = cutting.T_base_bed.inv() @ (
+        (model.forward(plan.trajectory.qs_rad) @ model.T_flange_tip).translations
+    )
+    assert lowest - 0.05 <= tips[:, 2].min() <= lowest + 0.2
+    assert not verify_cutting(model, plan.trajectory, robot_path_of(view).cutting).certified
+    # what is told of it
+    minutes, seconds = divmod(round(plan.trajectory.duration_s), 60)
+    said = rehearsal_verdict(found)
+    assert f"planned anew and certified ({minutes} min {seconds:02d} s)" in said
+    assert not rehearsal_ok(found)
+    # a file keeps it, and the figures are those of this way
+    loaded = session_from_bytes(session_bytes(session))
+    assert digest(loaded.results.more["rehearsal"].value) == digest(found)
+    again = milled_again(loaded, found, site._scene)
+    np.testing.assert_array_equal(again.least_mm, site.least_mm)
+    figures = rehearsal_figures(loaded, truth_of(loaded, site._scene))
+    assert figures["rehearsal_raised_s"] == plan.trajectory.duration_s
+    assert figures["rehearsal_residual_true_mm"] == min(site.least_mm)
+
+
+def test_a_motion_other_than_the_certified_one_is_not_milled(milled, monkeypatch):
+    """The planted fault: half a degree of one joint, after the verifier has seen the motion."""
+
+    def tampered(*args, **kwargs):
+        plan = plan_view(*args, **kwargs)
+        qs = plan.trajectory.qs_rad + np.deg2rad((0.5, 0.0, 0.0, 0.0, 0.0, 0.0))
+        return replace(plan, trajectory=replace(plan.trajectory, qs_rad=qs))
+
+    asked_for_more(monkeypatch)
+    monkeypatch.setattr(rehearsal_task, "plan_view", tampered)
+    session, found, site = rehearsed(milled)
+    heights = milling_view(milled).path.bottoms_bed()[:, 2]
+    layers = milling_view(milled).path.layers
+    finished = heights[layers <= found.pause].min()
+    assert not found.raised_plan.may_move
+    assert found.steps == len(site.least_mm)
+    assert found.raised_mm == pytest.approx(finished - heights.min(), abs=1e-6)
+    said = rehearsal_verdict(found)
+    assert "the robot cannot mill them so" in said
+    assert "ended with the last finished layer" in said
+    np.testing.assert_array_equal(milled_again(session, found, site._scene).least_mm, site.least_mm)
+    figures = rehearsal_figures(session, truth_of(session, site._scene))
+    assert figures["rehearsal_raised_s"] is None
+    whole = replace(found, steps=0)
+    assert "so: the verifier refuses" in rehearsal_verdict(whole)
+    assert "; nothing was milled, and" in rehearsal_verdict(whole)
+    assert milled_again(session, whole, site._scene) is None
+
+
+def test_where_the_planned_roll_fails_another_one_is_searched(milled):
+    plan, _ = require_certified(milled)
+    fails = next(verdict for verdict in plan.verdicts if not verdict.feasible)
+    raised = RaisedMilling(milled, fails.roll_deg)
+    ceiling = milling_view(milled).path.bottoms_bed()[:, 2].min() + THICK_MM
+    way = raised(5, ceiling)
+    assert len(raised.plan.verdicts) == len(plan.verdicts)
+    assert raised.plan.may_move
+    assert way.bottoms_bed[:, 2].min() == pytest.approx(ceiling, abs=1e-9)
+    assert way.layers.min() > 5
+
+
+def test_nothing_left_to_mill_is_no_motion(milled):
+    raised = RaisedMilling(milled, roll_of(milled))
+    assert raised(-1, milling_view(milled).surface_mm) is None
+    assert raised.plan is None
+
+
+def test_files_of_earlier_versions_have_raised_layers_without_a_plan(milled, monkeypatch):
+    asked_for_more(monkeypatch)
+    session, found, site = rehearsed(milled)
+    earlier = replace(found, raised_plan=None)
+    held = replace(session.results.more["rehearsal"], value=earlier)
+    loaded = session_from_bytes(session_bytes(session.with_result("rehearsal", held)))
+    assert loaded.results.more["rehearsal"].value.raised_plan is None
+    assert "certified" not in rehearsal_verdict(earlier)
+    figures = rehearsal_figures(loaded, truth_of(loaded, site._scene))
+    assert figures["rehearsal_raised_mm"] == found.raised_mm
+    assert "rehearsal_residual_true_mm" not in figures
