@@ -94,7 +94,7 @@ def line_figures(session: Session) -> LineFigures | None:
         return None
     if held.placed is None or held.placed.residual_mm is None:
         return None
-    hearing = bed_hearing(session, held, draw_maps(session, DRAWS, same_robot=True))
+    hearing = bed_hearing(session, held, draw_maps(session, DRAWS, same_robot=True, grooves=True))
     shift_mm = _limit_shift_mm(hearing.least_mm)
     held = replace(held, limit_mm=max(held.limit_mm + shift_mm, 0.0))
     best = derive_bed_lines(_holding(session, held), StartBedLines(), progress=silent, cancel=never)
@@ -161,7 +161,7 @@ def _scanned(session: Session, held: ImplantBed, rows: tuple[Row, ...]) -> Judge
 
 
 def _judged(session: Session, held: ImplantBed) -> Judged:
-    draws = draw_maps(session, DRAWS, same_robot=True)
+    draws = draw_maps(session, DRAWS, same_robot=True, grooves=True)
     least = bed_hearing(session, held, draws).least_mm
     chance = chance_above(least, 0.0).probability
     true = residual_mm(floor_base(held), truth_of(session, build_virtual_rig(session.setup).scene))

@@ -45,10 +45,13 @@ def test_lines_lie_over_the_bed_and_say_how_much_they_can_tell(bench):
 
 def test_without_what_no_scan_tells_lines_tell_most_of_it(bench):
     session = bench.session
-    held, draws = session.results.get("bed").value, draw_maps(session, 400, same_robot=True)
+    held, draws = (
+        session.results.get("bed").value,
+        draw_maps(session, 400, same_robot=True, grooves=True),
+    )
     hearing = bed_hearing(session, held, draws)
     told = 1.0 - best_lines(hearing, 120.0).left_share
-    # no error of the milling, none of the speed, no furrow: the map is all that is open
+    # no error of the milling, none of the speed: the map is all that is open
     at = np.linalg.norm(hearing.places_mm - hearing.places_mm.mean(axis=0), axis=1) < 5.0
     least = hearing.thickness_mm[at].min(axis=0)
     assert 1.0 - best_lines(replace(hearing, least_mm=least), 120.0).left_share > told + 0.2

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from rona_core.app.runtime.session_step import Undo
+from rona_core.app.steps.maps.accuracy.error_terms import HIDDEN_ALIKE, hidden_depths
 from rona_core.app.steps.maps.accuracy.map_accuracy import map_accuracy
 from rona_core.app.steps.maps.accuracy.map_draws import MOST_DRAWS, draw_maps
 from rona_core.app.steps.maps.accuracy.map_terms import map_terms
@@ -68,6 +69,25 @@ def test_the_inner_boundary_is_never_outside_the_outer_one(demo):
     thickness = draws.outer_mm - draws.inner_mm
     assert thickness.min() == pytest.approx(LEAST_THICKNESS_MM)
     assert (thickness > 0.31).any()
+
+
+def test_what_hides_only_takes_bone_away_where_a_bed_is_planned(demo):
+    either, grooves = (
+        draw_maps(demo, 60, 3, same_robot=True, grooves=grooves) for grooves in (False, True)
+    )
+    np.testing.assert_array_equal(either.outer_mm, grooves.outer_mm)
+    less_mm = grooves.inner_mm - either.inner_mm  # grooves in the place of crests
+    assert less_mm.min() > -1e-9
+    assert 15 < np.count_nonzero((less_mm > 1e-9).any(axis=(1, 2))) < 45  # of every second draw
+
+
+def test_hidden_depths_have_their_rms_and_what_they_share():
+    field = np.random.default_rng(0).standard_normal(2_000_000)
+    depths = hidden_depths(field)
+    assert depths.min() == 0.0
+    assert np.count_nonzero(depths) / len(depths) == pytest.approx(1.0 / 6.3, rel=0.02)
+    assert np.sqrt(np.mean(depths**2)) == pytest.approx(1.0, rel=0.01)
+    assert depths.mean() == pytest.approx(HIDDEN_ALIKE, rel=0.01)
 
 
 def test_a_seed_gives_its_draws_again_and_another_one_others(demo):

@@ -9,9 +9,10 @@ from benchmarks.reference.map_coverage import bands, parts, within
 from rona_core.app.steps.acoustics.thickness_uncertainty import speed_of_maps
 from rona_core.app.steps.boundaries.ascan_view import ascan_plot
 from rona_core.app.steps.boundaries.messages import CorrectBoundary
+from rona_core.app.steps.maps.accuracy.echo_terms import UNHEARD
 from rona_core.app.steps.maps.accuracy.error_terms import ErrorTerm
 from rona_core.app.steps.maps.accuracy.map_accuracy import accuracy_words, map_accuracy
-from rona_core.app.steps.maps.accuracy.map_terms import UNHEARD, map_terms
+from rona_core.app.steps.maps.accuracy.map_terms import map_terms
 from rona_core.app.steps.maps.accuracy.probe_place import REPEATABILITY_MM, ROBOT_ACCURACY_MM
 from rona_core.app.steps.maps.view import layers_of
 from rona_core.devices.settings import ROBOTS
@@ -233,8 +234,8 @@ def test_an_ascan_states_the_thickness_with_the_speed_of_sound_in_it(demo):
     assert told > 1.3 * found.thickness_sigma_mm[i]
 
 
-def test_bone_whose_echo_was_missed_is_less_sure_the_farther_the_last_one_that_was_heard(demo):
-    """Against every cell's own search, one by one."""
+def test_bone_is_less_sure_the_more_of_the_ascans_around_it_heard_nothing(demo):
+    """Against every cell's own weighted count, A-scan by A-scan."""
     maps = demo.results.maps.value
     (term,) = [t for t in map_terms(demo).thickness if t.cause == UNHEARD]
     into_map = maps.inner.T_base_map.inv()
@@ -243,12 +244,14 @@ def test_bone_whose_echo_was_missed_is_less_sure_the_farther_the_last_one_that_w
     assert 0 < np.count_nonzero(~heard)
     for i, j in np.argwhere(maps.inner.ok)[::97]:
         away = np.linalg.norm(places - (maps.inner.u_mm[i], maps.inner.v_mm[j]), axis=1)
-        missed = away[~heard].min() < away[heard].min()
-        off_mm = 0.15 * away[heard].min() if missed else 0.0
-        assert term.own_mm[i, j] == pytest.approx(off_mm)
-        assert term.shared_mm[i, j] == pytest.approx(0.4 * off_mm)  # they err to one side
+        weights = np.exp(-0.5 * (away / 2.0) ** 2)
+        share = weights[~heard].sum() / weights.sum()
+        # A-scans count at the nearest cell, at most 0.7 mm from where they are
+        both = np.hypot(term.own_mm[i, j], term.shared_mm[i, j])
+        assert both == pytest.approx(0.35 * share, abs=0.35 * 0.06)
+        assert term.shared_mm[i, j] == pytest.approx(0.303 * both, rel=0.01)  # to one side
     counted = term.own_mm[maps.inner.ok & maps.outer.ok]
-    assert 0.0 < np.count_nonzero(counted) < len(counted)
+    assert counted.min() < 0.02 < 0.2 < counted.max() < 0.35
 
 
 def test_the_mean_over_cells_feels_the_mean_of_what_they_share():

@@ -19,7 +19,6 @@ from rona_core.geometry.arrays import Floats, readonly
 from rona_core.planning.further_lines.best_lines import Hearing, best_lines
 from rona_core.planning.implants.catalogue import implant_named
 from rona_core.planning.milling.removal import planned_bed
-from rona_core.planning.placement.furrows import with_furrows
 from rona_core.planning.placement.mapped_bone import MappedBone
 from rona_core.planning.placement.problem import PlacementProblem
 from rona_core.planning.placement.residuals import margins
@@ -51,7 +50,7 @@ def derive_bed_lines(
         CancelledError: somebody cancelled.
     """
     held: ImplantBed = require_result(session.results.get("bed"), WANTED).value
-    draws = draw_maps(session, DRAWS, same_robot=True)
+    draws = draw_maps(session, DRAWS, same_robot=True, grooves=True)
     progress(0.5)
     if cancel():
         raise CancelledError("cancelled")
@@ -71,8 +70,7 @@ def derive_bed_lines(
 def bed_hearing(session: Session, held: ImplantBed, draws: MapDraws) -> Hearing:
     """Return what a further scan would hear around a bed, in draws of the maps.
 
-    What counts is the least bone over the limit below the bed or beyond a screw. Furrows that
-    nobody heard are in it, and not in what is heard: the maps go on to doubt these places.
+    What counts is the least bone over the limit below the bed or beyond a screw.
 
     Raises:
         StepBlockedError: the bed does not lie wholly in the maps.
@@ -81,9 +79,8 @@ def bed_hearing(session: Session, held: ImplantBed, draws: MapDraws) -> Hearing:
     if placed.residual_mm is None:
         raise StepBlockedError(f"there is no bed to make certain: {held.refusal}")
     maps = draws.maps
-    inner_mm = with_furrows(maps, draws.outer_mm, draws.inner_mm)
     limits = PlacementLimits(held.limit_mm, held.required)
-    bone = MappedBone(maps, draws.outer_mm, inner_mm)
+    bone = MappedBone(maps, draws.outer_mm, draws.inner_mm)
     problem = PlacementProblem(bone, execution_error(session), limits)
     implant = implant_named(held.implant).lifted(held.lift_mm)
     bed = planned_bed(implant, milling_settings(implant, held.burr_mm))
@@ -109,7 +106,7 @@ def bed_hearing(session: Session, held: ImplantBed, draws: MapDraws) -> Hearing:
 def lines_verdict(found: BedLines) -> str:
     """Return in one sentence how much the lines can tell of the bed."""
     share = 100.0 * found.told_share
-    rest = "how well it is milled, the speed of sound and furrows, which no further line tells"
+    rest = "how well it is milled and the speed of sound, which no further line tells"
     if share < LEAST_PERCENT:
         return f"Further lines tell next to nothing of this bed: what is left open is {rest}."
     return (

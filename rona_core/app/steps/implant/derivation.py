@@ -18,7 +18,6 @@ from rona_core.planning.milling.removal import planned_bed
 from rona_core.planning.milling.settings import BALL_2, MillingSettings
 from rona_core.planning.placement.evaluate import judge_placement
 from rona_core.planning.placement.figures import PlacementFigures, Shortfall
-from rona_core.planning.placement.furrows import with_furrows
 from rona_core.planning.placement.mapped_bone import MappedBone
 from rona_core.planning.placement.problem import PlacementProblem
 from rona_core.planning.placement.search import search_placements
@@ -48,9 +47,8 @@ def mapped_bone(session: Session) -> MappedBone:
 
 
 def _drawn(session: Session) -> MappedBone:
-    draws = draw_maps(session, DRAWS, same_robot=True)
-    inner_mm = with_furrows(draws.maps, draws.outer_mm, draws.inner_mm)
-    return MappedBone(draws.maps, draws.outer_mm, inner_mm)
+    draws = draw_maps(session, DRAWS, same_robot=True, grooves=True)
+    return MappedBone(draws.maps, draws.outer_mm, draws.inner_mm)
 
 
 def execution_error(session: Session) -> ExecutionError:

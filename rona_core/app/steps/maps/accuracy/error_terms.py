@@ -4,8 +4,25 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import ndtr
 
 from rona_core.geometry.arrays import Bools, Floats, readonly
+
+# Grooves or crests are where a Gaussian field is more than so many deviations high, as deep as it
+# exceeds that: one place in six has some.
+HIDDEN_FROM = 1.0
+_SHARE, _DENSITY = (
+    float(ndtr(-HIDDEN_FROM)),
+    float(np.exp(-0.5 * HIDDEN_FROM**2) / (2 * np.pi) ** 0.5),
+)
+_MEAN = _DENSITY - HIDDEN_FROM * _SHARE
+_RMS = float(np.sqrt((1.0 + HIDDEN_FROM**2) * _SHARE - HIDDEN_FROM * _DENSITY))
+HIDDEN_ALIKE = _MEAN / _RMS  # share of their RMS that all cells have in common
+
+
+def hidden_depths(field: Floats) -> Floats:
+    """Return depths, all of one sign and of RMS 1, of what a Gaussian field of variance 1 hides."""
+    return np.maximum(field - HIDDEN_FROM, 0.0) / _RMS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -18,6 +35,7 @@ class ErrorTerm:
     of_robot: bool = False  # drops out where the robot that scanned uses the map
     remedy: str = ""  # what would lower it
     reach_mm: float = 0.0  # cells so far apart (a Gaussian's deviation) still err alike by ``own``
+    hidden: bool = False  # grooves or crests in some of the cells, see `hidden_depths`
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +94,7 @@ def merged(*groups: Iterable[ErrorTerm]) -> tuple[ErrorTerm, ...]:
                 term.of_robot,
                 term.remedy,
                 max(before.reach_mm, term.reach_mm),
+                before.hidden or term.hidden,
             )
         found[term.cause] = term
     return tuple(found.values())

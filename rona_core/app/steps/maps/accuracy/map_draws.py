@@ -13,8 +13,9 @@ from numpy.random import Generator
 
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.steps.maps.accuracy.error_terms import ErrorTerm
-from rona_core.app.steps.maps.accuracy.map_terms import INTERPOLATION, POINTS, map_terms
+from rona_core.app.steps.maps.accuracy.echo_terms import INTERPOLATION
+from rona_core.app.steps.maps.accuracy.error_terms import ErrorTerm, hidden_depths
+from rona_core.app.steps.maps.accuracy.map_terms import POINTS, map_terms
 from rona_core.errors import InvalidInputError, StaleResultError
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
@@ -37,7 +38,14 @@ class MapDraws:
     reread_mm: Floats  # (n, nu, nv) thickness that a further scan would read, at the speed of now
 
 
-def draw_maps(session: Session, count: int, seed: int = 0, *, same_robot: bool = False) -> MapDraws:
+def draw_maps(
+    session: Session,
+    count: int,
+    seed: int = 0,
+    *,
+    same_robot: bool = False,
+    grooves: bool = False,
+) -> MapDraws:
     """Return the robot's maps as they may be.
 
     Args:
@@ -45,6 +53,9 @@ def draw_maps(session: Session, count: int, seed: int = 0, *, same_robot: bool =
         count: How many.
         seed: Of the draws; the same gives the same.
         same_robot: The robot that scanned uses the map: what its links err by drops out.
+        grooves: What hides where nothing was heard always takes bone away, for who plans to mill.
+            Else it is grooves in half of the draws and crests in the others: which of them a bone
+            has is not known.
 
     Raises:
         InvalidInputError: no draws, or too many.
@@ -63,8 +74,12 @@ def draw_maps(session: Session, count: int, seed: int = 0, *, same_robot: bool =
     outer += maps.outer.height_mm
     # another scan errs alike by what reference points alone can mend: the speed of sound
     lasting = [term for term in terms.thickness if term.remedy == POINTS]
-    passing = [term for term in terms.thickness if term.remedy != POINTS]
+    passing = [term for term in terms.thickness if not (term.remedy == POINTS or term.hidden)]
     reread = _drawn(maps.outer, passing, None, count, generator)
+    signs = np.where(grooves | (generator.random(count) < 0.5), -1.0, 1.0)
+    for term in terms.thickness:
+        if term.hidden:
+            reread += _hidden(maps.outer, term, signs, generator)
     reread += maps.thickness_mm()
     inner = _drawn(maps.outer, lasting, None, count, generator)  # of the speed, so far
     reread += _drawn(maps.outer, (), terms.thickness_plate, count, generator)
@@ -86,7 +101,7 @@ def _drawn(
     errors = np.zeros((count, *shape))
     for term in terms:
         shared = generator.standard_normal((count, 1, 1))
-        along_u, along_v = (field_root(at, term.reach_mm) for at in (grid.u_mm, grid.v_mm))
+        along_u, along_v = _roots(grid, term)
         for start in range(0, count, AT_ONCE):
             some = errors[start : start + AT_ONCE]
             some += np.broadcast_to(term.shared_mm, shape) * shared[start : start + AT_ONCE]
@@ -100,3 +115,20 @@ def _drawn(
         drawn -= plate.heights(places)
         errors += drawn.reshape(errors.shape)
     return errors
+
+
+def _hidden(grid: BoundaryMap, term: ErrorTerm, signs: Floats, generator: Generator) -> Floats:
+    """Return what hides where nothing was heard (n, nu, nv), with the sign (n,) of each draw."""
+    along_u, along_v = _roots(grid, term)
+    off_mm = np.hypot(term.own_mm, term.shared_mm)
+    errors = np.zeros((len(signs), *grid.height_mm.shape))
+    for start in range(0, len(signs), AT_ONCE):
+        some = errors[start : start + AT_ONCE]
+        field = along_u @ generator.standard_normal(some.shape) @ along_v.T
+        some[...] = signs[start : start + AT_ONCE, None, None] * off_mm * hidden_depths(field)
+    return errors
+
+
+def _roots(grid: BoundaryMap, term: ErrorTerm) -> tuple[Floats, Floats]:
+    """Return roots of how the errors of a cause hang together along both axes."""
+    return field_root(grid.u_mm, term.reach_mm), field_root(grid.v_mm, term.reach_mm)

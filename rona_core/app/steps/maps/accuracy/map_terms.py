@@ -11,9 +11,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
-from scipy.spatial import KDTree
 
 from rona_core.app.steps.acoustics.thickness_uncertainty import speed_of_maps
+from rona_core.app.steps.maps.accuracy.echo_terms import (
+    INTERPOLATION,
+    ROWS,
+    cells_map,
+    mean_error_mm,
+    sampling_terms,
+    unheard_term,
+)
 from rona_core.app.steps.maps.accuracy.error_terms import ErrorTerm
 from rona_core.app.steps.maps.accuracy.probe_place import (
     ProbePlace,
@@ -23,7 +30,6 @@ from rona_core.app.steps.maps.accuracy.probe_place import (
 )
 from rona_core.devices.settings import ProbeSettings
 from rona_core.geometry.arrays import Floats
-from rona_core.geometry.pose import Pose
 from rona_core.geometry.surface.cloud import SurfaceCloud
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.mapping.cloud_fusion import PATCH_MM, CloudPrior, FusedCloud, fuse_cloud
@@ -43,14 +49,8 @@ from rona_core.ultrasound.detection.manual_corrections import BoundaryEdits, Sca
 from rona_core.ultrasound.probe.probe_model import probe_model
 
 SPEED = "speed of sound of the patient"
-INTERPOLATION = "interpolation"
 CLOUD = "cloud of the pointer"
 POINTS = "measure the bone at three reference points (step 9)"
-ROWS = "scan closer rows, or a second pass"
-NEAREST = 6  # A-scans whose time of flight counts at a cell
-UNHEARD = "inner boundary not heard"
-UNHEARD_SLOPE = 0.15  # of a table whose echo misses the probe, against the map; one deviation
-UNHEARD_ALIKE = 0.4  # of that all such places share: the map goes on too thick in most of them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,20 +144,20 @@ def _terms(
     face_mm = 2.0 * probe_model(samples.probe).aperture_radius_mm
     plate = fit_field(outer_map[:, :2], outer_map[:, 2])
     rest = (ErrorTerm("roughness within the beam", own_mm=ROUGHNESS_MM), *place.of_cells(maps))
-    outer = (*_sampling(maps.outer, plate, plate, outer_sigma, face_mm), *rest)
+    outer = (*sampling_terms(maps.outer, plate, plate, outer_sigma, face_mm), *rest)
     fused = _fused_terms(maps, outer, plate, cloud)
     between_map = T_map_base @ maps.inner_points_base[maps.inner_used]
     between_map[:, 2] = _heights_at(maps.outer, between_map) - between_map[:, 2]
     timing = np.concatenate([one.thickness_sigma_mm for one in found])[maps.inner_used]
     between = fit_field(between_map[:, :2], between_map[:, 2]) if len(between_map) else None
     depth = np.maximum(maps.thickness_mm(), 0.0)
-    cells_base = maps.outer.T_base_map @ _cells_map(maps.outer)
+    cells_base = maps.outer.T_base_map @ cells_map(maps.outer)
     region = cells_base[(maps.outer.ok & maps.inner.ok).ravel()]
     calibration = uncalibrated() if known is None else known
     shared, local = speed_uncertainty(calibration, cells_base, region if len(region) else None)
     thickness = (
-        *_sampling(maps.inner, between, between, timing, face_mm),
-        _unheard(maps, T_map_base),
+        *sampling_terms(maps.inner, between, between, timing, face_mm),
+        unheard_term(maps, T_map_base),
         ErrorTerm(SPEED, shared_mm=depth * shared.reshape(depth.shape), remedy=POINTS),
         ErrorTerm(
             "speed of sound at the place",
@@ -180,10 +180,12 @@ def _fused_terms(
     joined = _joined(maps, plate, cloud)
     if joined is None:
         return (*outer, _unknown_cloud(maps, cloud))
-    shape, places = maps.outer.height_mm.shape, _cells_map(maps.outer)[:, :2]
+    shape, places = maps.outer.height_mm.shape, cells_map(maps.outer)[:, :2]
     share = joined.plate.weights(places).reshape(shape)
     apart = joined.plate.sigmas_mm(places).reshape(shape)
-    between = ErrorTerm(INTERPOLATION, apart, _of_mean(apart, maps.outer, PATCH_MM), remedy=ROWS)
+    between = ErrorTerm(
+        INTERPOLATION, apart, mean_error_mm(apart, maps.outer, PATCH_MM), remedy=ROWS
+    )
     kept = [
         term if term.of_robot else replace(term, own_mm=share * term.own_mm)
         for term in outer
@@ -193,81 +195,12 @@ def _fused_terms(
     return (*kept, between, touched)
 
 
-def _sampling(
-    boundary: BoundaryMap,
-    samples: PlateField | None,
-    surface: PlateField | None,
-    sigma_mm: Floats,
-    face_mm: float,
-) -> tuple[ErrorTerm, ErrorTerm]:
-    """Return what time of flight and interpolation add to each cell.
-
-    A-scans less than the width of a face apart hear the same bone and err alike, so that the mean
-    over a map is off by what is left after averaging over as many patches as it has.
-
-    Args:
-        boundary: Its grid is meant.
-        samples: Plate through the samples (n); None where there are none.
-        surface: The plate that the map is made of, as sure as it is between them.
-        sigma_mm: Of the time of flight of each sample (n,).
-        face_mm: Width of the probe's face.
-    """
-    shape = boundary.height_mm.shape
-    if samples is None or surface is None:
-        return ErrorTerm("time of flight"), ErrorTerm(INTERPOLATION, np.full(shape, np.inf))
-    places = _cells_map(boundary)[:, :2]
-    near = KDTree(samples.places_mm).query(places, k=min(NEAREST, len(sigma_mm)))[1]
-    timing = np.sqrt(np.mean(sigma_mm[near.reshape(len(places), -1)] ** 2, axis=1))
-    # two estimates of one variance: what the samples state here, and how all of them scatter
-    timing = np.sqrt(0.5 * (timing**2 + samples.scatter_mm**2)).reshape(shape)
-    apart = surface.sigmas_mm(places).reshape(shape)
-    return (
-        ErrorTerm(
-            "time of flight", timing, _of_mean(timing, boundary, face_mm), reach_mm=face_mm / 4.0
-        ),
-        ErrorTerm(INTERPOLATION, apart, _of_mean(apart, boundary, face_mm), remedy=ROWS),
-    )
-
-
-def _unheard(maps: Maps, T_map_base: Pose) -> ErrorTerm:
-    """Return what places add at which an A-scan heard no inner boundary, those nearer to it.
-
-    An echo misses the probe where the inner table leans. Such bone is steeper than the bone that
-    was heard and that the map continues, so that the map is the more wrong the further it goes,
-    and wrong to the same side in most places.
-    """
-    shape, heard = maps.inner.height_mm.shape, maps.inner_used
-    if heard.all() or not heard.any():
-        return ErrorTerm(UNHEARD)
-    places = _cells_map(maps.inner)[:, :2]
-    ascans = (T_map_base @ maps.outer_points_base)[:, :2]
-    to_heard = KDTree(ascans[heard]).query(places)[0]
-    to_unheard = KDTree(ascans[~heard]).query(places)[0]
-    off_mm = np.where(to_unheard < to_heard, UNHEARD_SLOPE * to_heard, 0.0).reshape(shape)
-    return ErrorTerm(UNHEARD, off_mm, UNHEARD_ALIKE * off_mm, remedy=ROWS, reach_mm=NEAR_MM)
-
-
 def _joined(maps: Maps, plate: PlateField, cloud: _Cloud | None) -> FusedCloud | None:
     """Return what ultrasound and cloud make together; None without a cloud."""
     if cloud is None:
         return None
     points_map = maps.outer.T_base_map.inv() @ cloud[0].points_base
     return fuse_cloud(points_map, plate, NEAR_MM, cloud[1])
-
-
-def _of_mean(own_mm: Floats, boundary: BoundaryMap, face_mm: float) -> float:
-    """Return what the mean over a map is off by when each cell is off by ``own_mm`` (nu, nv)."""
-    if not boundary.ok.any() or min(boundary.ok.shape) < 2:
-        return 0.0
-    cell_mm2 = (boundary.u_mm[1] - boundary.u_mm[0]) * (boundary.v_mm[1] - boundary.v_mm[0])
-    patches = boundary.ok.sum() * cell_mm2 / (np.pi * face_mm**2)
-    return float(np.sqrt(np.mean(own_mm[boundary.ok] ** 2) / max(patches, 1.0)))
-
-
-def _cells_map(boundary: BoundaryMap) -> Floats:
-    """Return all cells as points (nu nv, 3) in ``map``."""
-    u, v = np.meshgrid(boundary.u_mm, boundary.v_mm, indexing="ij")
-    return np.column_stack((u.ravel(), v.ravel(), boundary.height_mm.ravel()))
 
 
 def _heights_at(boundary: BoundaryMap, points_map: Floats) -> Floats:

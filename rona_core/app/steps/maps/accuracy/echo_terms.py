@@ -1,0 +1,110 @@
+"""What echoes add to the errors of a map: time of flight, what lies between, silent A-scans."""
+
+import numpy as np
+from scipy.ndimage import gaussian_filter
+from scipy.spatial import KDTree
+
+from rona_core.app.steps.maps.accuracy.error_terms import HIDDEN_ALIKE, ErrorTerm
+from rona_core.geometry.arrays import Floats
+from rona_core.geometry.pose import Pose
+from rona_core.mapping.boundary_map import BoundaryMap, Maps
+from rona_core.mapping.fitting.plate_field import PlateField
+
+INTERPOLATION = "interpolation"
+ROWS = "scan closer rows, or a second pass"
+NEAREST = 6  # A-scans whose time of flight counts at a cell
+UNHEARD = "inner boundary not heard"
+UNHEARD_MM = 0.35  # where no A-scan around heard the inner boundary, both parts together
+UNHEARD_REACH_MM = 2.0  # A-scans this far away count as around, and errors hang together
+
+
+def sampling_terms(
+    boundary: BoundaryMap,
+    samples: PlateField | None,
+    surface: PlateField | None,
+    sigma_mm: Floats,
+    face_mm: float,
+) -> tuple[ErrorTerm, ErrorTerm]:
+    """Return what time of flight and interpolation add to each cell.
+
+    A-scans less than the width of a face apart hear the same bone and err alike, so that the mean
+    over a map is off by what is left after averaging over as many patches as it has.
+
+    Args:
+        boundary: Its grid is meant.
+        samples: Plate through the samples (n); None where there are none.
+        surface: The plate that the map is made of, as sure as it is between them.
+        sigma_mm: Of the time of flight of each sample (n,).
+        face_mm: Width of the probe's face.
+    """
+    shape = boundary.height_mm.shape
+    if samples is None or surface is None:
+        return ErrorTerm("time of flight"), ErrorTerm(INTERPOLATION, np.full(shape, np.inf))
+    places = cells_map(boundary)[:, :2]
+    near = KDTree(samples.places_mm).query(places, k=min(NEAREST, len(sigma_mm)))[1]
+    timing = np.sqrt(np.mean(sigma_mm[near.reshape(len(places), -1)] ** 2, axis=1))
+    # two estimates of one variance: what the samples state here, and how all of them scatter
+    timing = np.sqrt(0.5 * (timing**2 + samples.scatter_mm**2)).reshape(shape)
+    apart = surface.sigmas_mm(places).reshape(shape)
+    return (
+        ErrorTerm(
+            "time of flight",
+            timing,
+            mean_error_mm(timing, boundary, face_mm),
+            reach_mm=face_mm / 2.0,
+        ),
+        ErrorTerm(INTERPOLATION, apart, mean_error_mm(apart, boundary, face_mm), remedy=ROWS),
+    )
+
+
+def unheard_term(maps: Maps, T_map_base: Pose) -> ErrorTerm:
+    """Return what places add around which A-scans heard no inner boundary.
+
+    An echo misses the probe where the inner table leans, and the map goes on from bone that was
+    heard. It goes wrong the more of the A-scans around heard nothing: too thick where grooves are,
+    too thin where crests are.
+    """
+    inner, heard = maps.inner, maps.inner_used
+    if heard.all() or not heard.any():
+        return ErrorTerm(UNHEARD)
+    cell_mm = _cell_mm(inner)
+    rows = (T_map_base @ maps.outer_points_base)[:, :2] - (inner.u_mm[0], inner.v_mm[0])
+    rows = np.clip(np.rint(rows / cell_mm).astype(np.int64), 0, np.array(inner.ok.shape) - 1)
+    ascans, silent = np.zeros(inner.ok.shape), np.zeros(inner.ok.shape)
+    np.add.at(ascans, tuple(rows.T), 1.0)
+    np.add.at(silent, tuple(rows[~heard].T), 1.0)
+    around, unheard = (
+        gaussian_filter(count, UNHEARD_REACH_MM / cell_mm, mode="constant")
+        for count in (ascans, silent)
+    )
+    share = np.divide(unheard, around, out=np.ones_like(around), where=around > 0.0)
+    off_mm = UNHEARD_MM * share
+    return ErrorTerm(
+        UNHEARD,
+        np.sqrt(1.0 - HIDDEN_ALIKE**2) * off_mm,
+        HIDDEN_ALIKE * off_mm,
+        remedy=ROWS,
+        reach_mm=UNHEARD_REACH_MM,
+        hidden=True,
+    )
+
+
+def mean_error_mm(own_mm: Floats, boundary: BoundaryMap, face_mm: float) -> float:
+    """Return what the mean over a map is off by when each cell is off by ``own_mm`` (nu, nv)."""
+    if not boundary.ok.any() or min(boundary.ok.shape) < 2:
+        return 0.0
+    cell_mm2 = (boundary.u_mm[1] - boundary.u_mm[0]) * (boundary.v_mm[1] - boundary.v_mm[0])
+    patches = boundary.ok.sum() * cell_mm2 / (np.pi * face_mm**2)
+    return float(np.sqrt(np.mean(own_mm[boundary.ok] ** 2) / max(patches, 1.0)))
+
+
+def _cell_mm(boundary: BoundaryMap) -> float:
+    """Return how wide a cell is; a map may be a strip of one cell."""
+    along_mm = max(boundary.u_mm, boundary.v_mm, key=len)
+    return float(along_mm[1] - along_mm[0]) if len(along_mm) > 1 else 1.0
+
+
+def cells_map(boundary: BoundaryMap) -> Floats:
+    """Return all cells as points (nu nv, 3) in ``map``."""
+    u, v = np.meshgrid(boundary.u_mm, boundary.v_mm, indexing="ij")
+    return np.column_stack((u.ravel(), v.ravel(), boundary.height_mm.ravel()))
