@@ -87,7 +87,7 @@ def there_and_back(k_per_mm: Complexes, exact: bool) -> There:
     def fast(distances_mm: Floats) -> Phasors:
         distance = distances_mm.astype(np.float32)[:, None]
         angle = distance * turn
-        result = np.empty(angle.shape, dtype=np.complex64)
+        result = np.zeros(angle.shape, dtype=np.complex64)
         np.cos(angle, out=result.real)
         np.sin(angle, out=result.imag)
         if not lossless:

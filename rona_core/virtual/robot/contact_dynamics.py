@@ -45,7 +45,10 @@ class LaggingAxis:
         return max(-self.limit_mm, min(self.limit_mm, self._state(time_s)[0]))
 
     def travels_mm(self, times_s: Sequence[float]) -> list[float]:
-        """Return ``travel_mm`` at ascending times; in one go, for a call takes as long as the sum."""
+        """Return ``travel_mm`` at ascending times, at least one.
+
+        In one go, for a call takes as long as the sum.
+        """
         times, knots, lag_s, limit_mm = self._times, self._knots, self.lag_s, self.limit_mm
         i, newest = bisect_right(times, times_s[0]) - 1, len(times) - 1
         found: list[float] = []

@@ -66,7 +66,8 @@ class CorrectedMotion:
             while i < newest and begins[i + 1] <= time_s:
                 i += 1
             since_s, reached_s, share = knots[i]
-            reached.append(reached_s + share * (time_s - since_s) if time_s > since_s else reached_s)
+            ago_s = time_s - since_s
+            reached.append(reached_s + share * ago_s if ago_s > 0.0 else reached_s)
         return np.minimum(reached, self._end_s), np.array(self._axis.travels_mm(times))
 
     def _until(self, time_s: float) -> float:
