@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 from time import process_time
 
-from benchmarks.timed_procedure import TimedProcedure, keep_shares, timed_procedure
+from benchmarks.timed_procedure import TimedProcedure, keep_imports, keep_shares, timed_procedure
 
 ROOT = Path(__file__).resolve().parents[1]
 DEAREST = 10
@@ -75,6 +75,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0, help="of the procedure")
     parser.add_argument("--keep", action="store_true", help="keep the shares of the steps")
     options = parser.parse_args()
+    keep_imports()
     timed = timed_procedure(options.seed)  # first: a profiler slows small functions most
     print("\n".join(by_step(timed)), flush=True)
     if options.keep:

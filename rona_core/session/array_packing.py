@@ -20,6 +20,7 @@ SMALLEST_BYTES = 512  # smaller arrays are left as they are
 TAP_SHIFT = 10  # a filter weight of 1 is 2**10
 MAX_TAPS = 64
 LINES = 4096  # of a record, unpacked at once
+AT_ONCE = 65536  # values whose bits are counted at once
 DTYPES = tuple(f"<{kind}{size}" for kind in "fiu" for size in (2, 4, 8))
 
 
@@ -80,7 +81,12 @@ def _best_axis(bits: Integers) -> int | None:
 
 
 def _bits(values: Integers) -> float:
-    return float(np.log2(_folded(values).astype(np.float64) + 1.0).mean())
+    folded, total = _folded(values).ravel(), 0.0
+    for start in range(0, folded.size, AT_ONCE):
+        need = folded[start : start + AT_ONCE].astype(np.float64)
+        need += 1.0
+        total += float(np.log2(need, out=need).sum())
+    return total / folded.size
 
 
 def _folded(values: Integers) -> Integers:

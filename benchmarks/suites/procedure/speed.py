@@ -19,6 +19,7 @@ from benchmarks.timed_procedure import (
     CAPTURES,
     NOMINAL_SETUP,
     TimedProcedure,
+    keep_imports,
     share_metrics,
     timed_procedure,
 )
@@ -73,6 +74,7 @@ def run(progress: Progress) -> list[Metric]:
     """Return times of whole procedures, of their parts, of single devices, and how they grow."""
     done: list[TimedProcedure] = []
     loop_steps = 0
+    keep_imports()
     with ExitStack() as stack:
         loop = stack.enter_context(spent_in(ContactLoop, "run"))
         fired = stack.enter_context(spent_in(VirtualProbe, "collect"))

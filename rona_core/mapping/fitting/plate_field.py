@@ -137,8 +137,8 @@ def fit_field(
     over = heights_mm - trend.heights(places_mm)
     right = np.asarray(weighted @ over)
 
-    def solved(stiff: float) -> tuple[BandedCholesky, Floats, float]:
-        factor = information.plus(stiff, bend).cholesky(overwrite=True)
+    def solved(stiff: float, *, last: bool = False) -> tuple[BandedCholesky, Floats, float]:
+        factor = information.plus(stiff, bend, overwrite=last).cholesky(overwrite=True)
         nodes = factor.solve(right)
         off = over - operator @ nodes
         square = float(np.sum(weights * off**2)) + stiff * bend.energy(nodes)
@@ -155,13 +155,14 @@ def fit_field(
             unlikely, bounds=np.log(STIFFNESS), method="bounded", options={"xatol": 0.2}
         )
         stiffness = float(np.exp(best.x))
-    factor, nodes, variance = solved(stiffness)
+    factor, nodes, variance = solved(stiffness, last=True)
     scale = float(np.sqrt(variance))
+    np.divide(factor.bands, scale, out=factor.bands)  # in place: it is the largest array here
     return PlateField(
         grid=grid,
         trend=trend,
         nodes_mm=readonly(nodes.reshape(grid.shape)),
-        factor=BandedCholesky(factor.bands / scale),
+        factor=factor,
         loadings_mm=readonly(np.zeros((nodes.size, 0))),
         scatter_mm=scale,
         stiffness=stiffness,

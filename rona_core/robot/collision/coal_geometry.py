@@ -50,7 +50,7 @@ class Bodies:
         """
         self._robot, _ = pinocchio_model(model)
         self._state = self._robot.createData()
-        frames = _frames_on_joints(model, self._robot, self._state)
+        frames = _frames_on_joints(model)
         self._shapes = pin.GeometryModel()
         self._index: dict[str, int] = {}
         self._levers_mm = _levers_mm(self._robot, frames, bodies)
@@ -88,10 +88,11 @@ class Bodies:
         Joints that carry both parts, or neither, do not.
         """
         levers = np.zeros((N_JOINTS, len(pairs)))
+        links = [part.parentJoint for part in self._shapes.geometryObjects]
         for column, pair in enumerate(pairs):
-            ends = (self._index[pair.first], self._index[pair.second])
-            links = [self._shapes.geometryObjects[end].parentJoint for end in ends]
-            inner, outer = min(links), ends[int(np.argmax(links))]
+            first, second = self._index[pair.first], self._index[pair.second]
+            inner = min(links[first], links[second])
+            outer = first if links[first] >= links[second] else second
             levers[inner:, column] = self._levers_mm[outer, inner:]
         return levers
 
@@ -147,12 +148,15 @@ def _shape(shape: Any) -> Any:
     return coal.Box(*(np.array(shape.size_mm) / MM_PER_M))
 
 
-def _frames_on_joints(model: RobotModel, robot: Any, state: Any) -> list[Any]:
-    """Return the pose of each link frame on its joint, found at q = 0.
+@lru_cache(maxsize=4)
+def _frames_on_joints(model: RobotModel) -> list[Any]:
+    """Return the pose of each link frame on its joint, found at q = 0; nobody may change them.
 
     Raises:
         InvalidInputError: elsewhere the link frames are not where the joints bring them.
     """
+    robot, _ = pinocchio_model(model)
+    state = robot.createData()
     frames: list[Any] = []
     rng = np.random.default_rng(0)
     qs = rng.uniform(model.lower_rad, model.upper_rad, (4, N_JOINTS))

@@ -143,15 +143,12 @@ def about_y(angles_rad: Floats) -> Floats:
 
 def alternating_turns(angles_rad: Floats) -> Floats:
     """Return the rotation (3, 3) of turns (k,) about z and y in alternation, about z first."""
-    cosines, sines = np.cos(angles_rad), np.sin(angles_rad)
-    turns = np.zeros((len(angles_rad), 3, 3))
-    about_z, about_y = turns[::2], turns[1::2]
-    about_z[:, 0, 0] = about_z[:, 1, 1] = cosines[::2]
-    about_z[:, 1, 0], about_z[:, 0, 1] = sines[::2], -sines[::2]
-    about_y[:, 0, 0] = about_y[:, 2, 2] = cosines[1::2]
-    about_y[:, 0, 2], about_y[:, 2, 0] = sines[1::2], -sines[1::2]
-    about_z[:, 2, 2] = about_y[:, 1, 1] = 1.0
-    return reduce(np.matmul, turns)
+    rows: list[float] = []  # of all matrices: for one posture quicker than filling arrays
+    turns = zip(np.cos(angles_rad).tolist(), np.sin(angles_rad).tolist(), strict=True)
+    for i, (c, s) in enumerate(turns):
+        about_y = (c, 0.0, s, 0.0, 1.0, 0.0, -s, 0.0, c)
+        rows += about_y if i % 2 else (c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0)
+    return reduce(np.dot, np.array(rows).reshape(-1, 3, 3))
 
 
 def elbow_cosine(squared: Floats, upper_mm: float, fore_mm: float) -> tuple[Floats, Floats]:

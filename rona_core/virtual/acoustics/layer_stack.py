@@ -54,20 +54,26 @@ def echo_bands(
         face: Reflection (f,) of the step from line to gel.
     """
     behind = gel * bone
-    return np.sum(
-        weights * line * (face + quotient((1.0 - face**2) * behind, 1.0 + face * behind)), 0
-    )
+    below = face * behind
+    below += 1.0
+    np.multiply(1.0 - face**2, behind, out=behind)
+    seen = quotient(behind, below)
+    seen += face
+    return np.sum(weights * line * seen, 0)
 
 
 def quotient(above: Phasors, below: Phasors) -> Phasors:
-    """Return above / below, by way of the conjugate: nothing here is near the range of numbers."""
+    """Return above / below in the place of ``above``.
+
+    It goes by way of the conjugate: nothing here is near the range of numbers.
+    """
     if below.dtype != np.complex64:
-        return above / below
-    power = below.real**2 + below.imag**2
-    result = np.conj(below)
-    np.multiply(above, result, out=result)
-    result *= np.reciprocal(power, out=power)
-    return result
+        return np.divide(above, below, out=above)
+    power = below.real**2
+    power += below.imag**2
+    above *= np.conj(below, out=below)
+    above *= np.reciprocal(power, out=power)
+    return above
 
 
 def there_and_back(k_per_mm: Complexes, exact: bool) -> There:
@@ -100,22 +106,26 @@ class _Edge:
     through: Phasors
 
     def seen_with(self, beyond: Phasors) -> Phasors:
-        return self.near + quotient(self.through * beyond, 1.0 - self.far * beyond)
+        below = self.far * beyond
+        np.subtract(1.0, below, out=below)
+        seen = quotient(self.through * beyond, below)
+        seen += self.near
+        return seen
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Rays:
     """What rays (m,) meet once the bone is as rough and slow as it is; lengths in millimetres."""
 
-    keys: NDArray[np.uint64]  # cells of the texture
+    grain: NDArray[np.floating]  # (m, cells) of the diploe along each ray, none where it is even
     outer_mm: Floats
     gel_mm: Floats
     table_mm: Floats
     diploe_mm: Floats
     inner_table_mm: Floats
-    front: NDArray[np.floating]  # factors of the oblique echoes over those met perpendicular
-    passage: NDArray[np.floating]
-    back: NDArray[np.floating]
+    front: Phasors  # factors of the oblique echoes over those met perpendicular, real numbers
+    passage: Phasors
+    back: Phasors
     kept: Bools  # they meet the bone
 
     def part(self, rows: slice) -> "_Rays":
@@ -201,37 +211,45 @@ class BoneStack:
         at_inner = np.concatenate(
             [none if (a := p.inner_angle_rad) is None else a for p in profiles]
         )
-        keys = cells(entries_skull, self.seed)
-        rough = grains(keys, 2) * (medium.outer_roughness_mm, medium.inner_roughness_mm)
+        # neighbouring rays and A-scans meet the same cells
+        keys, cell = np.unique(cells(entries_skull, self.seed), return_inverse=True)
+        rough = grains(keys, 2)[cell] * (medium.outer_roughness_mm, medium.inner_roughness_mm)
         slow = 1.0 / local_speed_factors(entries_skull, self.seed, medium.local_speed_sd)
+        diploe = slow * diploe_mm - medium.ramp_mm
+        grain = np.zeros((len(cell), 0), dtype=self._real)
+        if medium.speckle > 0.0:
+            grain = grains(keys ^ np.uint64(0x5EED), SPECKLE_CELLS).astype(self._real)[cell]
+            grain[self._depths > diploe[:, None]] = 0.0
         half_ramp = medium.ramp_mm / 2.0
         outer = outer_mm + rough[:, 0]
         return _Rays(
-            keys=keys,
+            grain=grain,
             outer_mm=outer,
             gel_mm=np.maximum(outer, self.film_mm),
             table_mm=slow * (table_mm - rough[:, 0]) - half_ramp,
-            diploe_mm=slow * diploe_mm - medium.ramp_mm,
+            diploe_mm=diploe,
             inner_table_mm=slow * (inner_mm + rough[:, 1]) - half_ramp,
-            front=self._outside.front(at_outer).astype(self._real),
-            passage=self._outside.passage(at_outer).astype(self._real),
-            back=self._inside.back(at_inner).astype(self._real),
+            front=self._outside.front(at_outer).astype(self._number),
+            passage=self._outside.passage(at_outer).astype(self._number),
+            back=self._inside.back(at_inner).astype(self._number),
             kept=np.concatenate([profile.hit for profile in profiles]) & (outer < GAP_LIMIT_MM),
         )
 
     def _echo(self, weights: Phasors, rays: _Rays) -> Phasors:
-        bone = self._inner * self._table(rays.inner_table_mm) * rays.back[:, None]
-        bone = self._into_table.seen_with(bone) * self._diploe(rays.diploe_mm)
+        bone = self._inner * self._table(rays.inner_table_mm)
+        bone *= rays.back[:, None]
+        bone = self._into_table.seen_with(bone)
+        bone *= self._diploe(rays.diploe_mm)
         if self.medium.speckle > 0.0:
-            grain = grains(rays.keys ^ np.uint64(0x5EED), SPECKLE_CELLS).astype(self._real)
-            grain[self._depths[None, :] > rays.diploe_mm[:, None]] = 0.0
-            bone = bone + (grain @ self._speckle).view(self._number)
-        bone = self._into_diploe.seen_with(bone) * self._table(rays.table_mm)
-        near, passed = (
-            self._outer.near * rays.front[:, None],
-            self._outer.through * rays.passage[:, None],
-        )
-        bone = near + quotient(passed * bone, 1.0 - self._outer.far * bone)
+            bone += (rays.grain @ self._speckle).view(self._number)
+        bone = self._into_diploe.seen_with(bone)
+        bone *= self._table(rays.table_mm)
+        below = self._outer.far * bone
+        np.subtract(1.0, below, out=below)
+        passed = self._outer.through * rays.passage[:, None]
+        passed *= bone
+        bone = quotient(passed, below)
+        bone += self._outer.near * rays.front[:, None]
         if not rays.kept.all():
             bone = bone * rays.kept.astype(self._real)[:, None]
         line = self._line(rays.outer_mm - rays.gel_mm)  # <= 0: the line gives way

@@ -69,6 +69,7 @@ class VirtualProbe:
         self._medium = medium if medium is not None else Medium()
         self._world, self._sliding = world, sliding
         self._closed = False
+        self._prepared: tuple[ProbeSettings, int] | None = None
         self.begin(ProbeSettings(), seed=0, ordinal=0)
 
     @property
@@ -78,9 +79,15 @@ class VirtualProbe:
 
     def begin(self, settings: ProbeSettings, seed: int, ordinal: int) -> None:
         """Configure the probe for capture number ``ordinal`` of a session with this seed."""
-        self._model = probe_model(settings)
-        self._seed, self._ordinal = seed, ordinal
+        self._ordinal = ordinal
         self._pending: list[float] = []  # times of the firings that nobody has collected
+        if self._prepared != (settings, seed):
+            self._prepare(settings, seed)
+            self._prepared = settings, seed
+
+    def _prepare(self, settings: ProbeSettings, seed: int) -> None:
+        """Prepare what all captures of a session share while the settings stay."""
+        self._model, self._seed = probe_model(settings), seed
         self._line = TrueLine(self._model, settings.line_temperature_c, self._world)
         true = self._line.probe
         self._echo = EchoModel(self._model, settings.excitation, self._medium, seed, true=true)
@@ -138,12 +145,15 @@ class VirtualProbe:
         profiles = self.profiles(self._sheared(times_s))
         coupled = [i for i, profile in enumerate(profiles) if profile is not None]
         touching = [profile for profile in profiles if profile is not None]
-        rf = np.tile(self._echo.lifted(), (len(profiles), 1))
         late_us = None
         if self._line.varies and touching:
             pressed_mm = -np.array([profile.outer_mm[0] for profile in touching])
             late_us = self._line.late_us(times_s[coupled], pressed_mm)
-        rf[coupled] = self._echo.traces(touching, late_us)
+        traces = self._echo.traces(touching, late_us)
+        if len(touching) == len(profiles):
+            return traces
+        rf = np.tile(self._echo.lifted(), (len(profiles), 1))
+        rf[coupled] = traces
         return rf
 
     def _sheared(self, times_s: Floats) -> Poses:

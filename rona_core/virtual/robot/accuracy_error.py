@@ -5,6 +5,8 @@ with every motion (repeatability), and a tilt of the tool. The systematic part i
 over the workspace, or that of joints and links (``joint_errors``).
 """
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
@@ -80,9 +82,8 @@ class RobotError:
         if not self.enabled:
             return Ts_base_tip_nominal
         motions, of_row = np.unique(keys, return_inverse=True)
-        shifts, tilts_rad = np.split(
-            np.array([self._repeatability(ordinal, int(key)) for key in motions]), 2, axis=1
-        )
+        new = [_repeatability(self._seed, ordinal, key) for key in motions.tolist()]
+        shifts, tilts_rad = np.split(np.array(new), 2, axis=1)
         positions = Ts_base_tip_nominal.translations
         rotations = Rotation.from_rotvec(tilts_rad).as_matrix()[of_row]
         systematic_mm, turns_rad = self._systematic(positions, qs_rad)
@@ -103,16 +104,18 @@ class RobotError:
 
     def of_motion_mm(self, ordinal: int, key: int) -> Floats:
         """Return the part of the shift (3,) that is new with every motion; see above."""
-        return self._repeatability(ordinal, key)[:3] if self.enabled else np.zeros(3)
-
-    def _repeatability(self, ordinal: int, key: int) -> Floats:
-        """Return shift in mm and rotation vector in radians (6,) of one motion."""
-        words = (SALT_MOTION, *_words(self._seed), *_words(ordinal), *_words(key))
-        values = np.random.default_rng(words).normal(0.0, 1.0 / np.sqrt(3.0), 6)
-        return values * np.repeat((REPEATABILITY_RMS_MM, np.deg2rad(TILT_RMS_DEG)), 3)
+        return _repeatability(self._seed, ordinal, key)[:3] if self.enabled else np.zeros(3)
 
     def _field(self, points: Floats) -> Floats:
         return np.cos(points @ self._waves.T + self._phases_rad) @ self._sizes_mm
+
+
+@lru_cache(maxsize=1024)  # tool, probe and sensor ask for the same motions
+def _repeatability(seed: int, ordinal: int, key: int) -> Floats:
+    """Return shift in mm and rotation vector in radians (6,) of one motion."""
+    words = (SALT_MOTION, *_words(seed), *_words(ordinal), *_words(key))
+    values = np.random.default_rng(words).normal(0.0, 1.0 / np.sqrt(3.0), 6)
+    return readonly(values * np.repeat((REPEATABILITY_RMS_MM, np.deg2rad(TILT_RMS_DEG)), 3))
 
 
 def _words(number: int) -> tuple[int, int]:

@@ -25,7 +25,6 @@ class ContactDepth:
         """Look at this scene."""
         self._scene, self._model, self._ordinal = scene, model, ordinal
         self._course: CorrectedMotion | None = None
-        self._shifts: dict[int, Floats] = {}
 
     def depths_mm(self, course: CorrectedMotion | None, times_s: Floats) -> Floats:
         """Return how deep (n,) the face is pressed in at times of the capture; negative: a gap."""
@@ -36,7 +35,8 @@ class ContactDepth:
         reached, travels = course.looks(times_s)
         gaps = np.interp(reached, course.motion_times_s, self._gaps_mm)
         axis = self._axes_base[int(np.searchsorted(course.motion_times_s, reached[-1]))]
-        shift = self._shift(int(error_keys(times_s[-1])))
+        key = int(error_keys(times_s[-1]))
+        shift = self._scene.robot_error.of_motion_mm(self._ordinal, key)
         head = self._scene.head_shift_base(self._ordinal, times_s[-1:])[0]
         return travels - gaps + float((shift - head) @ axis)
 
@@ -59,9 +59,3 @@ class ContactDepth:
         met = self._scene.specimen.ray(faces_skull - BEFORE_MM * axes_skull, axes_skull)
         self._gaps_mm[at] = np.where(np.isfinite(met), met - BEFORE_MM, FAR_MM)
         self._course = course
-
-    def _shift(self, key: int) -> Floats:
-        """Return the part (3,) of the robot's error that changes with every motion."""
-        if key not in self._shifts:
-            self._shifts[key] = self._scene.robot_error.of_motion_mm(self._ordinal, key)
-        return self._shifts[key]

@@ -45,17 +45,24 @@ class LaggingAxis:
         return max(-self.limit_mm, min(self.limit_mm, self._state(time_s)[0]))
 
     def travels_mm(self, times_s: Sequence[float]) -> list[float]:
-        """Return ``travel_mm`` at several times; in one go, for a call takes as long as the sum."""
+        """Return ``travel_mm`` at ascending times, at least one.
+
+        In one go, for a call takes as long as the sum.
+        """
         times, knots, lag_s, limit_mm = self._times, self._knots, self.lag_s, self.limit_mm
+        i, newest = bisect_right(times, times_s[0]) - 1, len(times) - 1
         found: list[float] = []
         for time_s in times_s:
-            i = bisect_right(times, time_s) - 1
+            while i < newest and times[i + 1] <= time_s:
+                i += 1
             travel, speed, commanded = knots[i]
             if i:
                 elapsed = time_s - times[i]
                 decay = math.exp(-elapsed / lag_s)
                 travel += commanded * elapsed + (speed - commanded) * lag_s * (1.0 - decay)
-            found.append(max(-limit_mm, min(limit_mm, travel)))
+            if abs(travel) > limit_mm:
+                travel = math.copysign(limit_mm, travel)
+            found.append(travel)
         return found
 
     def _state(self, time_s: float) -> tuple[float, float]:

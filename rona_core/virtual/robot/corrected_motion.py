@@ -59,15 +59,16 @@ class CorrectedMotion:
     def looks(self, times_s: Floats) -> tuple[Floats, Floats]:
         """Return ``reached_s`` and ``travel_mm`` (n,) at ascending times (n,) of the capture."""
         times = np.minimum(times_s, self.stopped_s).tolist()
-        knots, end_s = self._knots, self._end_s
-        i = max(bisect_right(self._knot_times, times[0]) - 1, 0)
+        begins, knots, newest = self._knot_times, self._knots, len(self._knots) - 1
+        i = max(bisect_right(begins, times[0]) - 1, 0)
         reached: list[float] = []
         for time_s in times:
-            while i + 1 < len(knots) and knots[i + 1][0] <= time_s:
+            while i < newest and begins[i + 1] <= time_s:
                 i += 1
             since_s, reached_s, share = knots[i]
-            reached.append(min(reached_s + share * max(time_s - since_s, 0.0), end_s))
-        return np.array(reached), np.array(self._axis.travels_mm(times))
+            ago_s = time_s - since_s
+            reached.append(reached_s + share * ago_s if ago_s > 0.0 else reached_s)
+        return np.minimum(reached, self._end_s), np.array(self._axis.travels_mm(times))
 
     def _until(self, time_s: float) -> float:
         """Return a time, at latest that of the stop or of the last command."""

@@ -82,7 +82,7 @@ class VirtualForceSensor:
         now_s = self._clock.now()
         true = self._wrench(now_s)
         random = self._noise.at(round(now_s * MICROSECONDS))
-        true += NOISE * random.normal(0.0, 1.0, 6)
+        true += NOISE * random.standard_normal(6)
         ranges, steps = self._ranges, self._steps
         shown = np.minimum(np.maximum(np.rint(true / steps) * steps, -ranges), ranges)
         return WrenchSample(now_s, readonly(shown), bool((np.abs(true) >= ranges).any()))

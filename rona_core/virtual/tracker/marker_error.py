@@ -67,7 +67,9 @@ class MarkerError:
         """Return the fixed error (n, 3) at points (n, 3); averaging does not remove it."""
         if not len(self.waves):
             return np.zeros_like(points_tracker)
-        field = np.cos(points_tracker @ self.waves.T + self.phases) @ self.amplitudes_mm
+        waves = points_tracker @ self.waves.T  # in place: of a whole volume it is large
+        waves += self.phases
+        field = np.cos(waves, out=waves) @ self.amplitudes_mm
         return field if self.moments is None else field * self.moments.growth(points_tracker)
 
     def sigmas_mm(self, points_tracker: Floats) -> Floats:

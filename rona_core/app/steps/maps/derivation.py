@@ -46,6 +46,7 @@ from rona_core.ultrasound.detection.manual_corrections import corrected
 from rona_core.ultrasound.probe.probe_model import ProbeModel, ProbeSurvey
 
 OUTER_MAPS: Memo[OuterMaps] = Memo(2)  # maps, plan of a further pass and its detection share one
+MAPS: Memo[Maps] = Memo(1)  # and the plan has the maps as they are where no speed is calibrated
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -130,7 +131,8 @@ def derive_maps(
     if calibrated:
         first = _at_known_speed(first, session, message)
         further = None if further is None else _at_known_speed(further, session, message)
-    return add_inner_map(outer, first, further)
+    values = outer, first.detection, poses, further
+    return MAPS.get(values, lambda: add_inner_map(outer, first, further))
 
 
 def _at_known_speed(
@@ -207,14 +209,13 @@ def maps_so_far(session: Session, *, progress: Progress = silent, cancel: Cancel
 
     They are at the speed of sound that the boundaries were detected with, whatever a caliper says.
     """
+    asked = StartMapping()
     if usable_second(session):
         held = session.results.second_detection
         if held is None or stale_reason("second_detection", session) is not None:
-            again = derive_second_detection(
-                session, StartMapping(), progress=progress, cancel=cancel
-            )
+            again = derive_second_detection(session, asked, progress=progress, cancel=cancel)
             session = _with_result(session, "second_detection", again)
-    return derive_maps(session, StartMapping(), calibrated=False)
+    return derive_maps(session, asked, calibrated=False)
 
 
 def plan_further_pass(

@@ -196,7 +196,8 @@ def _settled(
 def _over_slopes(log_chance: Floats) -> Floats:
     """Return the logarithm of the chance (n, t) of a time with any slope."""
     most = log_chance.max(axis=1)
-    return np.asarray(most + np.log(np.exp(log_chance - most[:, None, :]).sum(axis=1)))
+    over = log_chance - most[:, None, :]
+    return np.asarray(most + np.log(np.exp(over, out=over).sum(axis=1)))
 
 
 def _held(weighed: _Weighed, probe: ProbeModel) -> Singles:
@@ -269,8 +270,11 @@ def _usual_level(weighed: _Weighed, slope: Floats) -> float:
 
 
 def _mean(weighed: _Weighed, chances: Floats, middle_us: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return mean and standard deviation (n,) of the times, and the mean level."""
-    share = chances - chances.max(axis=(1, 2), keepdims=True)
+    """Return mean and standard deviation (n,) of the times, and the mean level.
+
+    The logarithms of the chances (n, s, t) are lost: there is no room for one more such array.
+    """
+    share = np.subtract(chances, chances.max(axis=(1, 2), keepdims=True), out=chances)
     np.exp(share, out=share)
     share /= share.sum(axis=(1, 2), keepdims=True)
     level = (share * weighed.level).sum(axis=(1, 2))

@@ -157,15 +157,18 @@ def seen_behind(stack: Floats, snr: Floats, grid_mm: Floats) -> Floats:
         snr: Mean level over the noise (n, m): a multiple or a side lobe does not count.
         grid_mm: Depths (m,).
     """
-    sure = np.clip(stack - STACK_FLOOR, 0.0, STACK_SURE)
-    behind = np.zeros(stack.shape)
+    # depths first: what is compared lies side by side
+    sure = np.clip(np.moveaxis(stack, -1, 0) - STACK_FLOOR, 0.0, STACK_SURE, order="C")
+    level = np.ascontiguousarray(snr.T)
+    behind = np.zeros(sure.shape)
     most = loudest_repeat(grid_mm[:, None], grid_mm)
     for i, first in enumerate(np.searchsorted(grid_mm, grid_mm + APART_MM)):
         if first >= len(grid_mm):
             break
-        counts = snr[:, first:] >= most[i, first:] * np.maximum(snr[:, i : i + 1], 1e-12)
-        behind[..., i] = (counts * sure[..., first:]).max(axis=-1)
-    return behind
+        counts = level[first:] >= most[i, first:, None] * np.maximum(level[i], 1e-12)
+        counts = counts.reshape(len(counts), *(1,) * (sure.ndim - 2), -1)
+        np.max(np.where(counts, sure[first:], 0.0), axis=0, out=behind[i])
+    return np.ascontiguousarray(np.moveaxis(behind, 0, -1))
 
 
 def _summits(snr: Floats) -> Bools:
