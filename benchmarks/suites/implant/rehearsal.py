@@ -76,6 +76,8 @@ def figures(found: Sequence[Rehearsed]) -> Iterator[Metric]:
     yield from _limits(found)
     anew = [one.certified for one in safe if one.certified is not None]
     yield _share("raised layers certified", anew)
+    again = [one.scan_certified for one in safe if one.scan_certified is not None]
+    yield _share("re-scans certified", again)
     yield from _measured(safe)
     yield from _seats([one for one in safe if not one.deep])
 

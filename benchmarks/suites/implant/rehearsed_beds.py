@@ -14,6 +14,7 @@ from rona_core.app.steps.implant.milling_derivation import milling_model, robot_
 from rona_core.app.steps.implant.milling_motion import milling_plan_of
 from rona_core.app.steps.implant.rehearsal_task import (
     FloorDetector,
+    FloorScan,
     RaisedMilling,
     burr_way,
     milling_task,
@@ -61,6 +62,7 @@ class Rehearsed:
     through: Floats  # (n,) probability at every step that the burr was through
     seated: Seated | None  # the implant in the bone; None where the milling was stopped
     certified: bool | None = None  # the motion of raised layers; None where there are none
+    scan_certified: bool | None = None  # and that of the re-scan; None where no place is for it
 
     @property
     def least_mm(self) -> float:
@@ -86,15 +88,19 @@ def rehearsed(
         if aimed is None:
             continue
         verdict = plan.verdicts[plan.chosen]
-        raised = RaisedMilling(aimed, verdict.roll_deg)
+        raised, scan = RaisedMilling(aimed, verdict.roll_deg), FloorScan(aimed)
         try:
-            task = _task(aimed, verdict, raised) if bed else milling_task(aimed, raised)
+            task = _task(aimed, verdict, raised, scan) if bed else milling_task(aimed, raised, scan)
         except RonaError:
             continue  # the deeper bed has no path, or no posture there
         for name in GUARDS:
             one = _rehearsed(number, aimed, task, name, bed)
-            anew = raised.plan if GUARDS[name].rescan else None
-            yield replace(one, certified=None if anew is None else anew.may_move)
+            anew, again = (raised.plan, scan.plan) if GUARDS[name].rescan else (None, None)
+            yield replace(
+                one,
+                certified=None if anew is None else anew.may_move,
+                scan_certified=None if again is None else again.may_move,
+            )
 
 
 def _planned(session: Session) -> Session:
@@ -169,7 +175,9 @@ def _laid(
     return None if left is None else (aimed, float(left))
 
 
-def _task(session: Session, verdict: RollVerdict, raised: RaisedMilling) -> MillingTask:
+def _task(
+    session: Session, verdict: RollVerdict, raised: RaisedMilling, scan: FloorScan
+) -> MillingTask:
     """Return a rehearsal with a roll that does for another bed at the same place."""
     view = milling_view(session)
     cutting = robot_path_of(view).cutting
@@ -180,4 +188,4 @@ def _task(session: Session, verdict: RollVerdict, raised: RaisedMilling) -> Mill
     qs = joint_path(path5d_at(cutting, ways), model, roll_rad, verdict.branch)
     feeds = cutting.feeds_mm_per_s[cutting.moves_at(ways)]
     times_s = np.cumsum(np.diff(ways, prepend=0.0) / feeds)
-    return task_along(session, burr_way(view, ways, qs, times_s), raised)
+    return task_along(session, burr_way(view, ways, qs, times_s), raised, scan)

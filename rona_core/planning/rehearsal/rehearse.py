@@ -4,7 +4,7 @@ See docs/algorithms/implant/rehearsal.md.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import ndtri
@@ -18,12 +18,10 @@ from rona_core.planning.rehearsal.breakthrough import Breakthrough
 from rona_core.planning.rehearsal.commanded_floor import CommandedFloor
 from rona_core.planning.rehearsal.depth_correction import ceiling_mm
 from rona_core.planning.rehearsal.feed_control import FeedControl
+from rona_core.planning.rehearsal.floor_line import ROUGH_MM, FloorLine, floor_line
 from rona_core.planning.rehearsal.floor_residuals import CorrectedBone, MeasuredFloor
-from rona_core.planning.rehearsal.site import BurrWay, MillingSite
+from rona_core.planning.rehearsal.site import BurrWay, MillingSite, ProbeWay
 
-STEP_MM = 1.5  # between places of the scan of a floor
-ROUGH_MM = 0.2  # of a floor that a face is pressed on: ridges are less
-EDGE_MM = 0.4  # from the face to the wall
 RESOLVED_MARGIN_MM = 0.3  # over the least bone that the probe resolves
 RESOLVED_SIGMAS = 2.0
 HEAD_MM = 0.1  # rms by which the head moves in its clamp in the meantime; assumed
@@ -40,6 +38,8 @@ MeasureFloor = Callable[[AScanTrack, Floats], tuple[Floats, Floats, Bools, float
 # what is left of the way after a layer, nothing of it below a height, in the postures of a motion
 # that is certified for it; None: nothing is left, or no motion is certified
 RaiseWay = Callable[[int, float], BurrWay | None]
+# a probe at the places of a line, in the postures of a motion that is certified for it; None: none
+PlanFloorScan = Callable[[FloorLine], ProbeWay | None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +58,7 @@ class MillingTask:
     mapped: Mapped
     outer_mm: Heights  # of the mapped outer boundary
     raised: RaiseWay
+    floor_scan: PlanFloorScan
     limit_mm: float
     probability: float
     face_radius_mm: float  # of the probe
@@ -188,14 +189,13 @@ class _Rehearsal:
     def _scan(self, measure: MeasureFloor, milled: BurrWay) -> tuple[int, MeasuredFloor | None]:
         """Return how many places of the floor were scanned, and what was measured there."""
         task = self._task
-        places = self._floor.flat_places(task.face_radius_mm + EDGE_MM, STEP_MM, ROUGH_MM)
-        places = places[places[:, 2] < milled.bottoms_bed[:, 2].min() + ROUGH_MM]
-        if not len(places):
+        below = float(milled.bottoms_bed[:, 2].min()) + ROUGH_MM
+        line = floor_line(self._floor, task.face_radius_mm, below)
+        way = None if line is None else task.floor_scan(line)
+        if way is None:
             return 0, None
-        # the arm stands there as it did when the burr was next to it
-        away = ((places[:, None, :2] - milled.bottoms_bed[None, :, :2]) ** 2).sum(axis=-1)
-        near = milled.part(np.argmin(away, axis=1)).at(places)
-        track = self._site.scan_floor(near)
+        places = way.places_bed
+        track = self._site.scan_floor(replace(way, times_s=way.times_s + milled.times_s.max()))
         thickness, sigma, ok, common = measure(track, places)
         mapped, drawn = task.mapped(places)
         rows = np.arange(len(places))

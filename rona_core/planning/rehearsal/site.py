@@ -44,13 +44,18 @@ class BurrWay:
         steps = np.diff(self.bottoms_bed, axis=0, prepend=self.bottoms_bed[:1])
         return np.maximum(np.linalg.norm(steps, axis=1), LEAST_STEP_MM)
 
-    def at(self, bottoms_bed: Floats) -> "BurrWay":
-        """Return the way with other places (n, 3)."""
-        return replace(self, bottoms_bed=bottoms_bed)
-
     def after(self, other: "BurrWay") -> "BurrWay":
         """Return the way with its times going on from those of another one, if that has any."""
         return replace(self, times_s=self.times_s + other.times_s.max(initial=0.0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ProbeWay:
+    """Commanded places of a floor at which the probe is pressed on: m, in their order."""
+
+    places_bed: Floats  # (m, 3) of the middle of its face
+    qs_rad: Floats  # (m, 6) posture of the arm there
+    times_s: Floats  # (m,) of the planned motion
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +77,6 @@ class MillingSite(Protocol):
         """Drive to the next place of the way."""
         ...
 
-    def scan_floor(self, way: BurrWay) -> AScanTrack:
-        """Return an A-scan for each place, with the probe pressed on the floor, along -z of bed."""
+    def scan_floor(self, way: ProbeWay) -> AScanTrack:
+        """Return an A-scan for each place, with the probe pressed on the floor along its axis."""
         ...

@@ -28,6 +28,7 @@ DELAY_LINE, PROBE_BODY, PROBE, TOOL_LINK = "delay line", "probe body", "probe", 
 SPINDLE, BURR = "spindle", "burr"
 TOUCHING = (DELAY_LINE, BURR)  # may reach into what may be touched
 BALL_MM = 7.0  # about a marker, its post included
+LINE_PROFILE = ((11, -37), (11, -29), (3.2, 0))  # of the delay line: radius, height in ``probe``
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -169,7 +170,7 @@ def _probe(model: RobotModel) -> tuple[ConvexBody, ...]:
     """Return probe body, delay line, and both together."""
     T_flange_probe = model.T_flange_probe
     body = T_flange_probe @ drum(((15, -137), (20, -128), (20, -65), (13, -45), (11, -33)))
-    line = T_flange_probe @ drum(((11, -37), (11, -29), (3.2, 0)))
+    line = T_flange_probe @ drum(LINE_PROFILE)
     return (
         _body(PROBE_BODY, TOOL_LINK, body),  # beside the head, where the next may touch
         _body(DELAY_LINE, TOOL_LINK, line),

@@ -6,7 +6,8 @@ from rona_core.devices.samples import AScan, AScanTrack
 from rona_core.errors import DeviceError
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose, Poses
-from rona_core.planning.rehearsal.site import BurrWay, ForceReading
+from rona_core.planning.rehearsal.site import BurrWay, ForceReading, ProbeWay
+from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.virtual.acoustics.medium import bone_medium
 from rona_core.virtual.acoustics.probe import VirtualProbe
@@ -89,8 +90,8 @@ class VirtualMillingSite:
         self.least_mm += least.tolist()
         self._next = len(self._way)
 
-    def scan_floor(self, way: BurrWay) -> AScanTrack:
-        """Return an A-scan for each place, with the probe pressed on the floor, along -z of bed."""
+    def scan_floor(self, way: ProbeWay) -> AScanTrack:
+        """Return an A-scan for each place, with the probe pressed on the floor along its axis."""
         scene, settings = self._scene, self._scene.settings.probe
         skull = MilledSkull(scene.specimen, self._T_skull_bed, self.left_bone())
         poses = self._pressed(skull, self._true_probes(way))
@@ -113,12 +114,11 @@ class VirtualMillingSite:
         probe.close()
         return AScanTrack.from_scans(scans)
 
-    def _true_probes(self, way: BurrWay) -> Poses:
+    def _true_probes(self, way: ProbeWay) -> Poses:
         """Return where the face is before it is pressed on, in ``skull``."""
         scene = self._scene
-        # the holder stands where the burr would; upright, with the probe as it is clamped
-        upright = way.T_base_bed.rotation @ np.diag((1.0, -1.0, -1.0))
-        tips = Poses(np.tile(upright, (len(way), 1, 1)), way.T_base_bed @ way.bottoms_bed)
+        model = robot_model(scene.settings.robot.model)  # with the probe in place of the spindle
+        tips = model.forward(way.qs_rad) @ model.T_flange_tip
         keys = error_keys(way.times_s)
         true = scene.Ts_base_tip_true(tips, way.qs_rad, self._ordinal, keys)
         return scene.T_base_skull.inv() @ true @ scene.world.clamping

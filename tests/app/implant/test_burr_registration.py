@@ -14,7 +14,7 @@ from rona_core.app.steps.implant.burr.view import burr_view
 from rona_core.app.steps.implant.derivation import execution_error
 from rona_core.app.steps.implant.messages import PlaceBed
 from rona_core.app.steps.implant.milling_derivation import milling_model
-from rona_core.app.steps.implant.rehearsal_task import RaisedMilling, milling_task
+from rona_core.app.steps.implant.rehearsal_task import FloorScan, RaisedMilling, milling_task
 from rona_core.app.steps.implant.view import UNREGISTERED, milling_view, placed_turns, verdict
 from rona_core.app.steps.setup.messages import SetSeed, SetWorld
 from rona_core.app.steps.tool.messages import RegisterTool, StartToolCapture
@@ -88,7 +88,7 @@ def test_the_milling_goes_where_the_registered_tip_is(demo):
     np.testing.assert_allclose(moved.translation, offset, atol=1e-12)
     # in truth the burr is off by what the registration does not know, instead of all of it
     way, scene = (
-        milling_task(demo, RaisedMilling(demo, 0.0)).way,
+        milling_task(demo, RaisedMilling(demo, 0.0), FloorScan(demo)).way,
         build_virtual_rig(demo.setup).scene,
     )
     truth = scene.world.spindle_off_tip

@@ -42,8 +42,8 @@ def roll_of(session):
 def asked_for_more(monkeypatch):
     """Let a rehearsal ask for more bone than the bed was planned for."""
 
-    def thicker(session, raised):
-        task = milling_task(session, raised)
+    def thicker(session, raised, floor_scan):
+        task = milling_task(session, raised, floor_scan)
         residual_mm = float(np.median(task.mapped(task.way.bottoms_bed)[1].min(axis=0)))
         return replace(task, limit_mm=residual_mm + 0.5)
 
@@ -147,7 +147,7 @@ def test_files_of_earlier_versions_have_raised_layers_without_a_plan(milled, mon
     held = replace(session.results.more["rehearsal"], value=earlier)
     loaded = session_from_bytes(session_bytes(session.with_result("rehearsal", held)))
     assert loaded.results.more["rehearsal"].value.raised_plan is None
-    assert "certified" not in rehearsal_verdict(earlier)
+    assert "planned anew" not in rehearsal_verdict(earlier)
     figures = rehearsal_figures(loaded, truth_of(loaded, site._scene))
     assert figures["rehearsal_raised_mm"] == found.raised_mm
     assert "rehearsal_residual_true_mm" not in figures

@@ -17,6 +17,7 @@ from rona_core.app.steps.implant.rehearsal import (
 from rona_core.app.steps.implant.rehearsal_task import (
     STEP_MM,
     FloorDetector,
+    FloorScan,
     RaisedMilling,
     milling_task,
 )
@@ -72,7 +73,7 @@ def test_the_floor_is_heard_and_the_verdict_says_what_followed(rehearsed):
     assert found.residual_mm > found.limit_mm
     assert found.most_n > 0.5
     said = rehearsal_verdict(found)
-    assert f"scanned again at {found.asked} places" in said
+    assert f"scanned again at {found.asked} places in a certified motion of" in said
     assert ("higher than planned" in said) == (found.raised_mm > 0.0)
     assert rehearsal_ok(found) == (found.ceiling_mm is None and not found.stopped)
 
@@ -108,7 +109,7 @@ def test_it_can_be_cancelled_and_leaves_nothing(milled):
 
 
 def test_the_burr_goes_where_it_is_told_but_for_the_errors_of_a_robot(milled):
-    way = milling_task(milled, raiser(milled)).way
+    way = milling_task(milled, raiser(milled), FloorScan(milled)).way
     site = milling_site(milled, 1)
     site.follow(way)
     path = milling_view(milled).path
@@ -133,7 +134,7 @@ def test_without_a_virtual_patient_there_is_no_bone_to_rehearse_on(milled, tmp_p
 
 def test_the_burr_goes_the_same_way_once_more_for_the_figures(rehearsed):
     found, site = rehearsal_of(rehearsed), milling_site(rehearsed, 1)
-    task = milling_task(rehearsed, raiser(rehearsed))
+    task = milling_task(rehearsed, raiser(rehearsed), FloorScan(rehearsed))
     rehearse(task, site, FloorDetector(rehearsed, task.way.T_base_bed))
     again = milled_again(rehearsed, found, site._scene)
     np.testing.assert_array_equal(again.least_mm, site.least_mm)

@@ -8,12 +8,19 @@ from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.implant.messages import RehearseMilling
 from rona_core.app.steps.implant.milling_motion import require_certified
 from rona_core.app.steps.implant.milling_plan import MillingPlan, why_no_milling
-from rona_core.app.steps.implant.rehearsal_task import FloorDetector, RaisedMilling, milling_task
+from rona_core.app.steps.implant.rehearsal_task import (
+    FloorDetector,
+    FloorScan,
+    RaisedMilling,
+    milling_task,
+)
 from rona_core.app.steps.implant.view import percent
+from rona_core.app.steps.roll.plan_reasons import why_no_plan
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.geometry.arrays import Floats, Ints, readonly
 from rona_core.planning.rehearsal.rehearse import rehearse
 from rona_core.planning.rehearsal.site import MillingSite
+from rona_core.robot.planning.plan import RobotPlan
 from rona_core.session.codec import OMIT_EMPTY
 from rona_core.session.document import Session
 from rona_core.session.memo import remember
@@ -43,6 +50,8 @@ class Rehearsal:
     # the layers that were left, planned anew at their corrected depth; None: as planned before,
     # nothing was left, or a file of a version that did not plan them
     raised_plan: MillingPlan | None = field(default=None, metadata=OMIT_EMPTY)
+    # how the probe scans the floor; None: no place for it, or a file of a version that did not plan
+    floor_plan: RobotPlan | None = field(default=None, metadata=OMIT_EMPTY)
 
 
 def derive_rehearsal(
@@ -62,7 +71,8 @@ def derive_rehearsal(
     """
     planned, _ = require_certified(session)
     raised = RaisedMilling(session, planned.verdicts[planned.chosen].roll_deg)
-    task = milling_task(session, raised)
+    floor_scan = FloorScan(session)
+    task = milling_task(session, raised, floor_scan)
     detector = FloorDetector(session, task.way.T_base_bed)
     outcome = rehearse(task, site, detector, progress=progress, cancel=cancel)
     measured = outcome.measured
@@ -85,6 +95,7 @@ def derive_rehearsal(
         duration_s=outcome.duration_s,
         most_n=outcome.most_n,
         raised_plan=raised.plan,
+        floor_plan=floor_scan.plan,
     )
 
 
@@ -101,14 +112,25 @@ def rehearsal_verdict(found: Rehearsal) -> str:
             "Rehearsed: by force and maps the burr may have been through, and the milling was "
             f"stopped with {found.residual_mm:.2f} mm of bone thought to be left."
         )
-    floor = (
-        f"the floor, scanned again at {found.asked} places, was measured at {len(found.scans)}"
-        if found.asked
-        else "the floor could not be scanned again"
-    )
     return (
-        f"Rehearsed: {floor}; {_depth(found)}, and {found.limit_mm:g} mm of bone stay with "
+        f"Rehearsed: {_floor(found)}; {_depth(found)}, and {found.limit_mm:g} mm of bone stay with "
         f"{percent(found.probability)}."
+    )
+
+
+def _floor(found: Rehearsal) -> str:
+    """Return what the re-scan of the floor measured, or why there was none."""
+    plan = found.floor_plan
+    if not found.asked:
+        why = None if plan is None else why_no_plan(plan)
+        because = f", as no motion of the probe over it is certified: {why}" if why else ""
+        return f"the floor could not be scanned again{because}"
+    certified = ""
+    if plan is not None and plan.trajectory is not None:
+        certified = f" in a certified motion of {plan.trajectory.duration_s:.0f} s"
+    return (
+        f"the floor, scanned again at {found.asked} places{certified}, was measured at "
+        f"{len(found.scans)}"
     )
 
 

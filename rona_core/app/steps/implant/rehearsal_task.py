@@ -9,15 +9,22 @@ from rona_core.app.steps.implant.milling_derivation import plan_view, raised_vie
 from rona_core.app.steps.implant.milling_motion import require_certified
 from rona_core.app.steps.implant.milling_plan import MillingPlan
 from rona_core.app.steps.implant.view import MillingView, boundary_heights, milling_view
+from rona_core.app.steps.roll.derivation import plan_settings
+from rona_core.app.steps.roll.messages import StartRollSearch
 from rona_core.devices.samples import AScanTrack
 from rona_core.geometry.arrays import Bools, Floats
+from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Pose
 from rona_core.planning.placement.problem import PlacementProblem
 from rona_core.planning.placement.residuals import residuals
 from rona_core.planning.placement.settings import PlacementLimits
-from rona_core.planning.rehearsal.rehearse import MillingTask, RaiseWay
-from rona_core.planning.rehearsal.site import BurrWay
+from rona_core.planning.rehearsal.floor_line import FloorLine
+from rona_core.planning.rehearsal.rehearse import MillingTask, PlanFloorScan, RaiseWay
+from rona_core.planning.rehearsal.site import BurrWay, ProbeWay
+from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.robot.planning.plan import RobotPlan
 from rona_core.robot.planning.plan_cutting import CuttingPlanSettings
+from rona_core.robot.planning.plan_scan import plan_scan
 from rona_core.session.document import Session
 from rona_core.ultrasound.acoustic_calibration.reference_points import at_speed
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import speed_at
@@ -28,10 +35,13 @@ STEP_MM = 0.25  # between places of the way at which force is felt
 FINE_MM = 0.1  # between those they are taken from: the tip may go further than the ball
 MIXED_SHARE = 0.02  # sigma of the speed in what is left, over that of the whole bone
 NOMINAL_SHARE = 0.04  # where no caliper gave the speed
+FLOOR_ROLLS = 24  # of the probe: the floor is small, so a roll works over all of it or nowhere
 
 
-def milling_task(session: Session, raised: RaiseWay) -> MillingTask:
+def milling_task(session: Session, raised: RaiseWay, floor_scan: PlanFloorScan) -> MillingTask:
     """Return what is to be rehearsed: the certified motion over the maps.
+
+    ``raised`` plans what is left of it anew, ``floor_scan`` how its floor is scanned.
 
     Raises:
         StepBlockedError: there is no bed, or no certified motion.
@@ -40,11 +50,13 @@ def milling_task(session: Session, raised: RaiseWay) -> MillingTask:
     _, motion = require_certified(session)
     view = milling_view(session)
     way = burr_way(view, motion.path_mm, motion.qs_rad, motion.times_s)
-    return task_along(session, way, raised)
+    return task_along(session, way, raised, floor_scan)
 
 
-def task_along(session: Session, way: BurrWay, raised: RaiseWay) -> MillingTask:
-    """Return what is to be rehearsed along a way; ``raised`` plans what is left of it anew."""
+def task_along(
+    session: Session, way: BurrWay, raised: RaiseWay, floor_scan: PlanFloorScan
+) -> MillingTask:
+    """Return what is to be rehearsed along a way, see ``milling_task``."""
     bone, held = mapped_bone(session), require_result(session.results.get("bed"), "bed").value
     problem = PlacementProblem(
         bone, execution_error(session), PlacementLimits(held.limit_mm, held.required)
@@ -67,6 +79,7 @@ def task_along(session: Session, way: BurrWay, raised: RaiseWay) -> MillingTask:
         mapped=mapped,
         outer_mm=outer_mm,
         raised=raised,
+        floor_scan=floor_scan,
         limit_mm=held.limit_mm,
         probability=held.required,
         face_radius_mm=probe.aperture_radius_mm,
@@ -131,6 +144,39 @@ class RaisedMilling:
         if motion is None:
             return None
         return burr_way(view, motion.path_mm, motion.qs_rad, motion.times_s)
+
+
+class FloorScan:
+    """Planner of the scan of a floor; a ``PlanFloorScan``.
+
+    Attributes:
+        plan: What it planned last, by the line as the path; None before that.
+    """
+
+    def __init__(self, session: Session) -> None:
+        """Plan for the robot of a session, with the probe in its hand."""
+        self._session = session
+        self._T_base_bed = milling_view(session).placed.T_base_bed
+        self.plan: RobotPlan | None = None
+
+    def __call__(self, line: FloorLine) -> ProbeWay | None:
+        """Return where the probe is pressed on along a line, upright, if that is certified."""
+        session, T_base_bed = self._session, self._T_base_bed
+        axes = np.tile(-T_base_bed.rotation[:, 2], (len(line.points_bed), 1))
+        path = Path5D(T_base_bed @ line.points_bed, axes)
+        asked = StartRollSearch(n_rolls=FLOOR_ROLLS, mode="constant")
+        model = robot_model(session.setup.devices.robot.model)
+        self.plan = plan_scan(path, model, plan_settings(session, asked))
+        motion = self.plan.trajectory
+        if motion is None or not self.plan.may_move:
+            return None
+        scans = slice(*np.searchsorted(motion.times_s, (motion.scan_start_s, motion.scan_end_s)))
+        ways_mm, stops_mm = motion.path_mm[scans], path.arc_length_mm()[line.stops]
+        return ProbeWay(
+            line.places_bed,
+            np.column_stack([np.interp(stops_mm, ways_mm, q) for q in motion.qs_rad[scans].T]),
+            np.interp(stops_mm, ways_mm, motion.times_s[scans]),
+        )
 
 
 class FloorDetector:

@@ -9,7 +9,7 @@ from rona_core.devices.samples import AScanTrack
 from rona_core.errors import CancelledError
 from rona_core.geometry.pose import Pose
 from rona_core.planning.rehearsal.rehearse import Guards, MillingTask, rehearse
-from rona_core.planning.rehearsal.site import BurrWay, ForceReading
+from rona_core.planning.rehearsal.site import BurrWay, ForceReading, ProbeWay
 
 MAPPED_MM, LIMIT_MM = -5.0, 1.0  # height of the inner boundary by the maps
 DEPTHS = (-0.5, -1.0, -1.5, -2.0, -2.5, -3.0, -3.5)
@@ -55,8 +55,8 @@ class Plate:
         return ForceReading(2.0 * in_bone * (feed_mm_per_s / 4.0) ** 0.5, 0.1 + 0.2 * in_bone)
 
     def scan_floor(self, way):
-        self.scanned = len(way)
-        self.places = way.bottoms_bed
+        self.scanned = len(way.places_bed)
+        self.places, self.scan_times_s = way.places_bed, way.times_s
         n = self.scanned
         return AScanTrack(np.arange(n) * 0.02, np.zeros((n, 4)), np.zeros(n, np.bool_), 50.0, 0.0)
 
@@ -73,12 +73,18 @@ def clamped(way):
         left = way.part(way.layers > pause)
         bottoms = left.bottoms_bed.copy()
         bottoms[:, 2] = np.maximum(bottoms[:, 2], ceiling)
-        return left.at(bottoms)
+        return replace(left, bottoms_bed=bottoms)
 
     return raised
 
 
-def task(way=None, mapped_mm=MAPPED_MM, raised=None):
+def pressed(line):
+    """Return what scans a floor without a robot: it has all postures."""
+    n = len(line.stops)
+    return ProbeWay(line.places_bed, np.zeros((n, 6)), np.arange(n) * 0.1)
+
+
+def task(way=None, mapped_mm=MAPPED_MM, raised=None, floor_scan=pressed):
     way = way or bed_way()
 
     def mapped(places_bed):
@@ -90,6 +96,7 @@ def task(way=None, mapped_mm=MAPPED_MM, raised=None):
         mapped=mapped,
         outer_mm=lambda places: np.zeros(len(places)),
         raised=raised or clamped(way),
+        floor_scan=floor_scan,
         limit_mm=LIMIT_MM,
         probability=0.99,
         face_radius_mm=3.0,
@@ -195,6 +202,26 @@ def test_a_floor_in_which_nothing_is_heard_leaves_the_maps_to_decide():
     assert outcome.asked > 0
     assert outcome.measured is None
     assert outcome.raised_mm >= 0.0
+
+
+def test_without_a_certified_motion_of_the_probe_the_floor_is_not_scanned():
+    site, lines = Plate(MAPPED_MM + 0.9), []
+    outcome = rehearse(task(floor_scan=lines.append), site, None)  # nothing to measure with
+    assert len(lines) == 1
+    assert (site.scanned, outcome.asked, outcome.measured) == (0, 0, None)
+    assert outcome.pause >= 0
+    # the maps alone decide, and milling goes on
+    by_maps = rehearse(task(floor_scan=lambda line: None), Plate(MAPPED_MM), None)
+    assert outcome.ceiling_mm == by_maps.ceiling_mm
+    assert site.lowest_mm < DEPTHS[outcome.pause]
+
+
+def test_the_probe_is_there_after_the_burr():
+    site = Plate(MAPPED_MM)
+    outcome = rehearse(task(), site, site.measure)
+    way = bed_way()
+    milled_s = way.times_s[way.layers <= outcome.pause].max()
+    np.testing.assert_allclose(site.scan_times_s, milled_s + 0.1 * np.arange(site.scanned))
 
 
 def test_it_can_be_cancelled_and_tells_how_far_it_is():
