@@ -94,7 +94,8 @@ def mean_error_mm(own_mm: Floats, boundary: BoundaryMap, face_mm: float) -> floa
     if not boundary.ok.any() or min(boundary.ok.shape) < 2:
         return 0.0
     cell_mm2 = (boundary.u_mm[1] - boundary.u_mm[0]) * (boundary.v_mm[1] - boundary.v_mm[0])
-    patches = boundary.ok.sum() * cell_mm2 / (np.pi * face_mm**2)
+    reach_mm = face_mm / 2.0
+    patches = boundary.ok.sum() * cell_mm2 / (2.0 * np.pi * reach_mm**2)  # a Gaussian's area
     return float(np.sqrt(np.mean(own_mm[boundary.ok] ** 2) / max(patches, 1.0)))
 
 
