@@ -34,7 +34,7 @@ from rona_core.planning.placement.chance import chance_above
 from rona_core.session.document import Derived, Session
 from rona_core.session.files import load_session
 
-SEEDS = range(42_080, 42_086)
+SEEDS = range(42_080, 42_106)
 MESSAGES = (
     *(step for step in PROCEDURE if step[0] != "second"),
     ("implant", StartBurrCapture()),
@@ -142,6 +142,8 @@ def _metrics(title: str, judged: Sequence[Judged]) -> Iterator[Metric]:
         return
     sigma, risk = (float(np.mean([getattr(j, k) for j in judged])) for k in ("sigma_mm", "risk"))
     off = [one.off_mm for one in judged if one.off_mm is not None]
+    chance = float(np.mean([one.probability for one in judged]))
+    yield Metric(f"{title}: P", chance, "1", "higher")
     yield Metric(f"{title}: least bone, sigma", sigma, "mm", "lower")
     yield Metric(f"{title}: risk of the bed", risk, "beds given up", "lower")
     rms = float(np.sqrt(np.mean(np.square(off)))) if off else None
