@@ -9,7 +9,7 @@ from benchmarks.reference.map_coverage import bands, parts, within
 from rona_core.app.steps.acoustics.thickness_uncertainty import speed_of_maps
 from rona_core.app.steps.boundaries.ascan_view import ascan_plot
 from rona_core.app.steps.boundaries.messages import CorrectBoundary
-from rona_core.app.steps.maps.accuracy.echo_terms import UNHEARD
+from rona_core.app.steps.maps.accuracy.echo_terms import UNHEARD, unheard_term
 from rona_core.app.steps.maps.accuracy.error_terms import ErrorTerm
 from rona_core.app.steps.maps.accuracy.map_accuracy import accuracy_words, map_accuracy
 from rona_core.app.steps.maps.accuracy.map_terms import map_terms
@@ -234,24 +234,37 @@ def test_an_ascan_states_the_thickness_with_the_speed_of_sound_in_it(demo):
     assert told > 1.3 * found.thickness_sigma_mm[i]
 
 
-def test_bone_is_less_sure_the_more_of_the_ascans_around_it_heard_nothing(demo):
-    """Against every cell's own weighted count, A-scan by A-scan."""
+def test_bone_is_less_sure_the_more_of_the_places_around_it_nobody_heard(demo):
+    """Against every cell's own weighted count, place by place."""
     maps = demo.results.maps.value
     (term,) = [t for t in map_terms(demo).thickness if t.cause == UNHEARD]
-    into_map = maps.inner.T_base_map.inv()
-    places = (into_map @ maps.outer_points_base)[:, :2]
-    heard = maps.inner_used
-    assert 0 < np.count_nonzero(~heard)
+    ascans = (maps.inner.T_base_map.inv() @ maps.outer_points_base)[:, :2]
+    heard: dict[tuple[int, int], bool] = {}  # by places 1 mm wide
+    for place, was in zip(np.rint(ascans).astype(int).tolist(), maps.inner_used, strict=True):
+        heard[tuple(place)] = heard.get(tuple(place), False) or bool(was)
+    places, silent = np.array(list(heard)), ~np.array(list(heard.values()))
+    assert 0 < np.count_nonzero(silent) < len(silent)
     for i, j in np.argwhere(maps.inner.ok)[::97]:
         away = np.linalg.norm(places - (maps.inner.u_mm[i], maps.inner.v_mm[j]), axis=1)
         weights = np.exp(-0.5 * (away / 2.0) ** 2)
-        share = weights[~heard].sum() / weights.sum()
-        # A-scans count at the nearest cell, at most 0.7 mm from where they are
         both = np.hypot(term.own_mm[i, j], term.shared_mm[i, j])
-        assert both == pytest.approx(0.35 * share, abs=0.35 * 0.06)
+        assert both == pytest.approx(0.4 * weights[silent].sum() / weights.sum(), abs=0.002)
         assert term.shared_mm[i, j] == pytest.approx(0.303 * both, rel=0.01)  # to one side
     counted = term.own_mm[maps.inner.ok & maps.outer.ok]
-    assert counted.min() < 0.02 < 0.2 < counted.max() < 0.35
+    assert counted.min() < 0.02 < 0.2 < counted.max() < 0.4
+
+
+def test_a_place_counts_as_heard_however_many_ascans_there_heard_nothing(demo):
+    """So a further pass that hears nothing leaves the map as sure as it was."""
+    maps = demo.results.maps.value
+    before = unheard_term(maps, maps.inner.T_base_map.inv())
+    again = replace(
+        maps,
+        outer_points_base=np.vstack((maps.outer_points_base, maps.outer_points_base)),
+        inner_used=np.concatenate((maps.inner_used, np.zeros_like(maps.inner_used))),
+    )
+    after = unheard_term(again, maps.inner.T_base_map.inv())
+    np.testing.assert_array_equal(after.own_mm, before.own_mm)
 
 
 def test_the_mean_over_cells_feels_the_mean_of_what_they_share():

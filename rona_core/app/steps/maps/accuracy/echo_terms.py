@@ -14,8 +14,8 @@ INTERPOLATION = "interpolation"
 ROWS = "scan closer rows, or a second pass"
 NEAREST = 6  # A-scans whose time of flight counts at a cell
 UNHEARD = "inner boundary not heard"
-UNHEARD_MM = 0.35  # where no A-scan around heard the inner boundary, both parts together
-UNHEARD_REACH_MM = 2.0  # A-scans this far away count as around, and errors hang together
+UNHEARD_MM = 0.4  # where no place around was heard, both parts together
+UNHEARD_REACH_MM = 2.0  # places this far away count as around, and errors hang together
 
 
 def sampling_terms(
@@ -58,26 +58,26 @@ def sampling_terms(
 
 
 def unheard_term(maps: Maps, T_map_base: Pose) -> ErrorTerm:
-    """Return what places add around which A-scans heard no inner boundary.
+    """Return what cells add around which nothing was heard of the inner boundary.
 
     An echo misses the probe where the inner table leans, and the map goes on from bone that was
-    heard. It goes wrong the more of the A-scans around heard nothing: too thick where grooves are,
-    too thin where crests are.
+    heard. It goes wrong the more of the places around were not heard by any A-scan: too thick where
+    grooves are, too thin where crests are.
     """
     inner, heard = maps.inner, maps.inner_used
     if heard.all() or not heard.any():
         return ErrorTerm(UNHEARD)
-    cell_mm = _cell_mm(inner)
-    rows = (T_map_base @ maps.outer_points_base)[:, :2] - (inner.u_mm[0], inner.v_mm[0])
-    rows = np.clip(np.rint(rows / cell_mm).astype(np.int64), 0, np.array(inner.ok.shape) - 1)
-    ascans, silent = np.zeros(inner.ok.shape), np.zeros(inner.ok.shape)
-    np.add.at(ascans, tuple(rows.T), 1.0)
-    np.add.at(silent, tuple(rows[~heard].T), 1.0)
+    cell_mm, shape = _cell_mm(inner), inner.ok.shape
+    cells = (T_map_base @ maps.outer_points_base)[:, :2] - (inner.u_mm[0], inner.v_mm[0])
+    cells = np.clip(np.rint(cells / cell_mm).astype(np.int64), 0, np.array(shape) - 1)
+    scanned, silent = np.zeros(shape), np.zeros(shape)
+    scanned[tuple(cells.T)] = silent[tuple(cells.T)] = 1.0
+    silent[tuple(cells[heard].T)] = 0.0
     around, unheard = (
-        gaussian_filter(count, UNHEARD_REACH_MM / cell_mm, mode="constant")
-        for count in (ascans, silent)
+        gaussian_filter(places, UNHEARD_REACH_MM / cell_mm, mode="constant")
+        for places in (scanned, silent)
     )
-    share = np.divide(unheard, around, out=np.ones_like(around), where=around > 0.0)
+    share = np.divide(unheard, around, out=np.ones(shape), where=around > 0.0)
     off_mm = UNHEARD_MM * share
     return ErrorTerm(
         UNHEARD,
