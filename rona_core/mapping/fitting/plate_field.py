@@ -23,6 +23,7 @@ from rona_core.mapping.fitting.banded_cholesky import BandedCholesky
 from rona_core.mapping.fitting.field_grid import FieldGrid, bending, grid_around
 
 STIFFNESS = (1e-4, 1e8)  # that are looked at, noise over increments, squared
+AT_ONCE = 32  # draws that are worked on together: all of them take much memory
 PLANES = 3  # free parameters that bending does not cost
 LEAST_MM = 1e-4
 ROUGHNESS_MM = 0.03  # of the outer table within a beam, which an A-scan averages over
@@ -97,10 +98,13 @@ class PlateField:
 
     def draws(self, places_mm: Floats, count: int, generator: Generator) -> Floats:
         """Return heights (count, m) at places (m, 2), drawn from what is known of the field."""
-        fields = self.factor.spread(generator.standard_normal((self.nodes_mm.size, count)))
+        white = generator.standard_normal((self.nodes_mm.size, count))
         unknown = generator.standard_normal((self.loadings_mm.shape[1], count))
-        fields += self.loadings_mm @ unknown
-        drawn = np.asarray(self.grid.operator(places_mm) @ fields).T
+        operator, drawn = self.grid.operator(places_mm), np.zeros((count, len(places_mm)))
+        for start in range(0, count, AT_ONCE):
+            some = slice(start, start + AT_ONCE)
+            fields = self.factor.spread(white[:, some]) + self.loadings_mm @ unknown[:, some]
+            drawn[some] = (operator @ fields).T
         drawn += self.heights(places_mm)
         return drawn
 
