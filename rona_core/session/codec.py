@@ -93,7 +93,7 @@ def _packed(array: NDArray[Any]) -> NDArray[np.int16] | None:
     """Return float32 samples of a converter as int16 in its steps, if that loses no bit."""
     if array.dtype != np.float32:
         return None
-    packed = np.empty(array.shape, dtype=np.int16)
+    packed = np.zeros(array.shape, dtype=np.int16)
     for start in range(0, len(array), AT_ONCE):
         some = array[start : start + AT_ONCE]
         steps = some / np.float32(STEP)
@@ -296,5 +296,5 @@ def _digest(value: Any) -> str:
     for name in sorted(arrays):
         array = arrays[name]
         hasher.update(f"{name}{array.dtype.str}{array.shape}".encode())
-        hasher.update(array)
+        hasher.update(array.data)
     return hasher.hexdigest()

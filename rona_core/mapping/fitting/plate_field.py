@@ -135,6 +135,7 @@ def fit_field(
     weights = np.ones(count) if relative_variance is None else 1.0 / relative_variance
     grid = grid_around(places_mm)
     bend = bending(*grid.shape, grid.step_mm)
+    filled = bend.filled()
     operator = grid.operator(places_mm)
     weighted = operator.T.multiply(weights).tocsr()
     information = grid.banded((weighted @ operator).tocsr())
@@ -143,11 +144,13 @@ def fit_field(
     over = heights_mm - trend.heights(places_mm)
     right = np.asarray(weighted @ over)
 
-    def solved(stiff: float, *, last: bool = False) -> tuple[BandedCholesky, Floats, float]:
-        factor = information.plus(stiff, bend, overwrite=last).cholesky(overwrite=True)
+    room = np.zeros_like(information.bands)  # of one factor: memory anew for each takes longer
+
+    def solved(stiff: float) -> tuple[BandedCholesky, Floats, float]:
+        factor = information.plus(stiff, bend, room).cholesky(overwrite=True)
         nodes = factor.solve(right)
         off = over - operator @ nodes
-        square = float(np.sum(weights * off**2)) + stiff * bend.energy(nodes)
+        square = float(np.sum(weights * off**2)) + stiff * filled.energy(nodes)
         return factor, nodes, max(square / max(count - PLANES, 1), LEAST_MM**2)
 
     def unlikely(log_stiffness: float) -> float:
@@ -161,7 +164,7 @@ def fit_field(
             unlikely, bounds=np.log(STIFFNESS), method="bounded", options={"xatol": 0.2}
         )
         stiffness = float(np.exp(best.x))
-    factor, nodes, variance = solved(stiffness, last=True)
+    factor, nodes, variance = solved(stiffness)
     scale = float(np.sqrt(variance))
     np.divide(factor.bands, scale, out=factor.bands)  # in place: it is the largest array here
     return PlateField(
@@ -219,7 +222,7 @@ def joined(plate: PlateField, more: SurfaceSamples) -> PlateField:
     information.regularize()
     stiff = plate.stiffness / plate.scatter_mm**2
     bend = bending(*grid.shape, grid.step_mm)
-    factor = information.plus(stiff, bend, overwrite=True).cholesky(overwrite=True)
+    factor = information.plus(stiff, bend, information.bands).cholesky(overwrite=True)
     over = plate.samples_mm - plate.trend.heights(plate.places_mm)
     over_more = more.points_map[:, 2] - plate.trend.heights(more.points_map[:, :2])
     right = np.asarray(weighted @ over) + np.asarray(across @ (more.upright * over_more))
