@@ -61,7 +61,7 @@ class LearnedField:
             sensitivity: Derivatives (k, n, 3) by the error at each point.
             points_tracker: Places of markers (n, 3).
         """
-        scaled = sensitivity * self.stated.sigmas_mm(points_tracker)
+        sigmas = self.stated.sigmas_mm(points_tracker)
         alike = np.zeros((len(points_tracker), len(points_tracker)))
         for start in range(0, len(points_tracker), AT_ONCE):
             some = slice(start, start + AT_ONCE)
@@ -73,10 +73,11 @@ class LearnedField:
                     part *= weight
                     alike[some] += part
         alike /= self.weights[self.weights > NEGLIGIBLE].sum()
-        return sum(
-            (scaled[:, :, axis] @ alike @ scaled[:, :, axis].T for axis in range(3)),
-            np.zeros((len(sensitivity), len(sensitivity))),
-        )
+        spread = np.zeros((len(sensitivity), len(sensitivity)))
+        for axis in range(3):  # one by one: all scaled at once take much memory
+            scaled = sensitivity[:, :, axis] * sigmas[:, axis]
+            spread += scaled @ alike @ scaled.T
+        return spread
 
     def learn(
         self, residuals: Floats, sensitivity: Floats, points_tracker: Floats, noise: Floats

@@ -12,7 +12,7 @@ from rona_core.geometry.pose import Pose, Poses
 from rona_core.mapping.boundary_map import BoundaryMap, CloudFit, Maps
 from rona_core.mapping.cloud_fusion import CloudPrior, fuse_cloud
 from rona_core.mapping.fitting.hampel_filter import agreeing
-from rona_core.mapping.fitting.plate_field import PlateField, fit_field
+from rona_core.mapping.fitting.plate_field import PlateField, fit_field, plate_through
 from rona_core.mapping.map_grid import NEAR_MM, MapGrid
 from rona_core.ultrasound.detection.detect import Detection
 from rona_core.ultrasound.detection.single.matched_filter import block_template
@@ -146,10 +146,10 @@ def build_outer_maps(
     points_base = found.points()[0] - correction_mm
     points_map = T_base_map.inv() @ points_base
     used = _agreeing_among(found.detection.outer_ok, points_map)
-    used_map = points_map[used]
+    used_map = T_base_map.inv() @ points_base[used]  # to the last bit as who has only those
     grid = MapGrid(T_base_map, used_map, cell_mm)
     _pause(progress, 0.2, cancel)
-    plate = fit_field(used_map[:, :2], used_map[:, 2])
+    plate = plate_through(used_map)
     outer = grid.boundary(plate, grid.near(used_map))
     _pause(progress, 0.4, cancel)
     fused, fit = outer, None

@@ -7,6 +7,8 @@ stays unknown of the motion is part of how sure that surface is.
 """
 
 from dataclasses import dataclass
+from hashlib import sha256
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -71,6 +73,40 @@ def fuse_cloud(
     Returns:
         None where too few points lie over the map.
     """
+    laid = _laid_once(cloud_map, plate, overlap_mm, prior)
+    if laid is None:
+        return None
+    return FusedCloud(joined(plate, laid.samples), laid.fit, laid.samples.points_map, laid.scale_mm)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Laid:
+    """A cloud that was laid on a plate."""
+
+    samples: SurfaceSamples
+    fit: CloudFit
+    scale_mm: float  # scatter of its points about the plate
+
+
+_Asked = tuple[bytes, float, CloudPrior]
+_LAST_LAID: "WeakKeyDictionary[PlateField, tuple[_Asked, _Laid | None]]" = WeakKeyDictionary()
+
+
+def _laid_once(
+    cloud_map: Floats, plate: PlateField, overlap_mm: float, prior: CloudPrior
+) -> _Laid | None:
+    """Return the cloud laid on a plate, remembered as long as the plate lives: arrays are small."""
+    asked = sha256(cloud_map.tobytes()).digest(), overlap_mm, prior
+    known = _LAST_LAID.get(plate)
+    if known is None or known[0] != asked:
+        known = asked, _laid(cloud_map, plate, overlap_mm, prior)
+        _LAST_LAID[plate] = known
+    return known[1]
+
+
+def _laid(
+    cloud_map: Floats, plate: PlateField, overlap_mm: float, prior: CloudPrior
+) -> _Laid | None:
     ultrasound = KDTree(plate.places_mm)
     over = ultrasound.query(cloud_map[:, :2])[0] <= overlap_mm
     if np.count_nonzero(over) < LEAST_OVERLAP:
@@ -101,7 +137,7 @@ def fuse_cloud(
         eigenvalues=readonly(np.asarray(np.linalg.eigvalsh(scaled), dtype=np.float64)),
         covariance=readonly(fit.covariance),
     )
-    return FusedCloud(joined(plate, samples), told, cells, scale)
+    return _Laid(samples, told, scale)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -29,6 +29,7 @@ INLINE_SIZE = 16  # arrays up to this many values are written as JSON lists
 DTYPE = re.compile(r"[<>|=]?[fiub][0-9]{1,2}")
 KINDS = "fiub"  # float, int, unsigned, bool: all that a session may hold
 STEP = 2.0**-15  # of a converter with 16 bits; coarser ones give multiples of it
+AT_ONCE = 64  # rows of an array that are packed together: all of them take much memory
 TYPE_KEY = "$type"
 OMIT_EMPTY = {"omit_empty": True}  # metadata of a field that is left out while it is empty
 
@@ -92,11 +93,15 @@ def _packed(array: NDArray[Any]) -> NDArray[np.int16] | None:
     """Return float32 samples of a converter as int16 in its steps, if that loses no bit."""
     if array.dtype != np.float32:
         return None
-    steps = array / np.float32(STEP)
-    small = np.abs(steps) < 2**15
-    if not small.all() or (steps != np.rint(steps)).any() or np.signbit(array[array == 0]).any():
-        return None
-    return steps.astype(np.int16)
+    packed = np.zeros(array.shape, dtype=np.int16)
+    for start in range(0, len(array), AT_ONCE):
+        some = array[start : start + AT_ONCE]
+        steps = some / np.float32(STEP)
+        small = np.abs(steps) < 2**15
+        if not small.all() or (steps != np.rint(steps)).any() or np.signbit(some[some == 0]).any():
+            return None
+        packed[start : start + AT_ONCE] = steps
+    return packed
 
 
 def decode(data: Any, hint: Any, arrays: Mapping[str, NDArray[Any]], where: str = "session") -> Any:
@@ -291,5 +296,5 @@ def _digest(value: Any) -> str:
     for name in sorted(arrays):
         array = arrays[name]
         hasher.update(f"{name}{array.dtype.str}{array.shape}".encode())
-        hasher.update(array.tobytes())
+        hasher.update(array.data)
     return hasher.hexdigest()

@@ -18,18 +18,33 @@ ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class FewBands:
+    """A symmetric matrix (n, n) of which few diagonals are not zero, by those of its lower half."""
+
+    depths: tuple[int, ...]  # of the diagonals, the lowest last
+    entries: Floats  # (d, n): row i holds the entries (j + depths[i], j)
+
+    def filled(self) -> "BandedMatrix":
+        """Return it with all bands down to the lowest."""
+        bands = np.zeros((self.depths[-1] + 1, self.entries.shape[1]), order="F")
+        bands[list(self.depths)] = self.entries
+        return BandedMatrix(bands)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class BandedMatrix:
     """A symmetric matrix (n, n) that is zero beyond k places from its diagonal; n = m k."""
 
     bands: Floats  # (k + 1, n) in the order of Fortran: row d holds the entries (j + d, j)
 
-    def plus(
-        self, factor: float, other: "BandedMatrix", *, overwrite: bool = False
-    ) -> "BandedMatrix":
-        """Return the sum of it and ``factor`` times another; with ``overwrite`` in its place."""
-        bands = self.bands if overwrite else self.bands.copy(order="F")
-        blas.daxpy(other.bands.ravel(order="K"), bands.ravel(order="K"), a=factor)  # in place
-        return BandedMatrix(bands)
+    def plus(self, factor: float, other: FewBands, out: Floats) -> "BandedMatrix":
+        """Return the sum of it and ``factor`` times another, in bands ``out``: they may be its."""
+        if out is not self.bands:
+            np.copyto(out, self.bands)
+        flat, width = out.ravel(order="K"), len(out)
+        for depth, row in zip(other.depths, other.entries, strict=True):
+            blas.daxpy(row, flat, a=factor, offy=depth, incy=width)  # in place
+        return BandedMatrix(out)
 
     def regularize(self) -> None:
         """Make the diagonal so much larger as rounding asks for."""

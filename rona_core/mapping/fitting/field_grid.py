@@ -3,14 +3,15 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_matrix, eye, kron
+from scipy.sparse import csr_matrix
 
 from rona_core.geometry.arrays import Floats, readonly
-from rona_core.mapping.fitting.banded_cholesky import BandedMatrix
+from rona_core.mapping.fitting.banded_cholesky import BandedMatrix, FewBands
 
 STEP_MM = 1.0  # between nodes
 MOST_ACROSS = 120  # nodes across the shorter side: a wider field has larger steps
 MARGIN_CELLS = 6  # the field goes on beyond the samples
+STENCIL = ((0, 0), (0, 1), (0, 2), (1, -1), (1, 0), (1, 1), (2, 0))  # nodes that bending couples
 ROWS = 2  # of the grid: bending couples each row to as many on either side
 
 
@@ -73,15 +74,27 @@ def grid_around(places_mm: Floats) -> FieldGrid:
     return FieldGrid(readonly(u), readonly(v), swapped)
 
 
-def bending(nu: int, nv: int, step_mm: float) -> BandedMatrix:
+def bending(nu: int, nv: int, step_mm: float) -> FewBands:
     """Return the bending energy of fields over a grid, as precision of unit increments r² log r."""
 
-    def differences(n: int, order: int) -> csr_matrix:
-        return csr_matrix(np.diff(np.eye(n), order, axis=0))
+    def squares(n: int, order: int) -> Floats:
+        steps = np.diff(np.eye(n), order, axis=0)
+        return steps.T @ steps
 
-    along = kron(differences(nu, 2), eye(nv))
-    across = kron(eye(nu), differences(nv, 2))
-    twist = kron(differences(nu, 1), differences(nv, 1))
-    energy = along.T @ along + across.T @ across + 2.0 * twist.T @ twist
-    grid = FieldGrid(np.arange(nu, dtype=np.float64), np.arange(nv, dtype=np.float64), False)
-    return grid.banded((energy / (8.0 * np.pi * step_mm**2)).tocsr())
+    def beside(matrix: Floats, apart: int) -> Floats:
+        """Return the entries (n,) whose row is so much after their column, 0 where none is."""
+        entries = np.diagonal(matrix, -apart)
+        return np.pad(entries, (max(-apart, 0), max(apart, 0)))
+
+    along, across = (squares(n, 2) for n in (nu, nv))
+    twist_u, twist_v = (squares(n, 1) for n in (nu, nv))
+    entries = np.zeros((len(STENCIL), nu, nv))
+    for cells, (u, v) in zip(entries, STENCIL, strict=True):
+        cells += 2.0 * np.multiply.outer(beside(twist_u, u), beside(twist_v, v))
+        if v == 0:
+            cells += beside(along, u)[:, None]
+        if u == 0:
+            cells += beside(across, v)
+    entries *= 1.0 / (8.0 * np.pi * step_mm**2)
+    depths = tuple(u * nv + v for u, v in STENCIL)
+    return FewBands(depths, entries.reshape(len(STENCIL), -1))

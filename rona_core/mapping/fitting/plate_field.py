@@ -9,7 +9,9 @@ how far samples scatter, is what makes the samples most likely once planes are l
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from hashlib import sha256
 from typing import Any
+from weakref import WeakValueDictionary
 
 import numpy as np
 from numpy.random import Generator
@@ -21,6 +23,7 @@ from rona_core.mapping.fitting.banded_cholesky import BandedCholesky
 from rona_core.mapping.fitting.field_grid import FieldGrid, bending, grid_around
 
 STIFFNESS = (1e-4, 1e8)  # that are looked at, noise over increments, squared
+AT_ONCE = 32  # draws that are worked on together: all of them take much memory
 PLANES = 3  # free parameters that bending does not cost
 LEAST_MM = 1e-4
 ROUGHNESS_MM = 0.03  # of the outer table within a beam, which an A-scan averages over
@@ -95,10 +98,13 @@ class PlateField:
 
     def draws(self, places_mm: Floats, count: int, generator: Generator) -> Floats:
         """Return heights (count, m) at places (m, 2), drawn from what is known of the field."""
-        fields = self.factor.spread(generator.standard_normal((self.nodes_mm.size, count)))
+        white = generator.standard_normal((self.nodes_mm.size, count))
         unknown = generator.standard_normal((self.loadings_mm.shape[1], count))
-        fields += self.loadings_mm @ unknown
-        drawn = np.asarray(self.grid.operator(places_mm) @ fields).T
+        operator, drawn = self.grid.operator(places_mm), np.zeros((count, len(places_mm)))
+        for start in range(0, count, AT_ONCE):
+            some = slice(start, start + AT_ONCE)
+            fields = self.factor.spread(white[:, some]) + self.loadings_mm @ unknown[:, some]
+            drawn[some] = (operator @ fields).T
         drawn += self.heights(places_mm)
         return drawn
 
@@ -129,6 +135,7 @@ def fit_field(
     weights = np.ones(count) if relative_variance is None else 1.0 / relative_variance
     grid = grid_around(places_mm)
     bend = bending(*grid.shape, grid.step_mm)
+    filled = bend.filled()
     operator = grid.operator(places_mm)
     weighted = operator.T.multiply(weights).tocsr()
     information = grid.banded((weighted @ operator).tocsr())
@@ -137,11 +144,13 @@ def fit_field(
     over = heights_mm - trend.heights(places_mm)
     right = np.asarray(weighted @ over)
 
-    def solved(stiff: float, *, last: bool = False) -> tuple[BandedCholesky, Floats, float]:
-        factor = information.plus(stiff, bend, overwrite=last).cholesky(overwrite=True)
+    room = np.zeros_like(information.bands)  # of one factor: memory anew for each takes longer
+
+    def solved(stiff: float) -> tuple[BandedCholesky, Floats, float]:
+        factor = information.plus(stiff, bend, room).cholesky(overwrite=True)
         nodes = factor.solve(right)
         off = over - operator @ nodes
-        square = float(np.sum(weights * off**2)) + stiff * bend.energy(nodes)
+        square = float(np.sum(weights * off**2)) + stiff * filled.energy(nodes)
         return factor, nodes, max(square / max(count - PLANES, 1), LEAST_MM**2)
 
     def unlikely(log_stiffness: float) -> float:
@@ -155,7 +164,7 @@ def fit_field(
             unlikely, bounds=np.log(STIFFNESS), method="bounded", options={"xatol": 0.2}
         )
         stiffness = float(np.exp(best.x))
-    factor, nodes, variance = solved(stiffness, last=True)
+    factor, nodes, variance = solved(stiffness)
     scale = float(np.sqrt(variance))
     np.divide(factor.bands, scale, out=factor.bands)  # in place: it is the largest array here
     return PlateField(
@@ -171,6 +180,18 @@ def fit_field(
         relative_variance=readonly(1.0 / weights),
         shares=readonly(np.ones(nodes.size)),
     )
+
+
+_ALIVE: "WeakValueDictionary[bytes, PlateField]" = WeakValueDictionary()
+
+
+def plate_through(points_map: Floats) -> PlateField:
+    """Return the plate through points (n, 3): of equal points the same, while somebody holds it."""
+    key = sha256(points_map.tobytes()).digest()
+    plate = _ALIVE.get(key)
+    if plate is None:
+        plate = _ALIVE[key] = fit_field(points_map[:, :2], points_map[:, 2])
+    return plate
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -201,7 +222,7 @@ def joined(plate: PlateField, more: SurfaceSamples) -> PlateField:
     information.regularize()
     stiff = plate.stiffness / plate.scatter_mm**2
     bend = bending(*grid.shape, grid.step_mm)
-    factor = information.plus(stiff, bend, overwrite=True).cholesky(overwrite=True)
+    factor = information.plus(stiff, bend, information.bands).cholesky(overwrite=True)
     over = plate.samples_mm - plate.trend.heights(plate.places_mm)
     over_more = more.points_map[:, 2] - plate.trend.heights(more.points_map[:, :2])
     right = np.asarray(weighted @ over) + np.asarray(across @ (more.upright * over_more))

@@ -30,7 +30,7 @@ class _Nearest:
     @classmethod
     def of(cls, distances: Floats, numbers: Floats) -> "_Nearest":
         """Return it of distances (k, p) at samples (k,)."""
-        rows = distances.argmin(axis=0)
+        rows = np.array([of_pair.argmin() for of_pair in distances.T], dtype=np.int64)  # no copy
         return cls(distances[rows, np.arange(len(rows))], numbers[rows])
 
     def or_nearer(self, later: "_Nearest") -> "_Nearest":

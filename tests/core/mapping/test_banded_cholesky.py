@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rona_core.mapping.fitting.banded_cholesky import BandedMatrix
+from rona_core.mapping.fitting.banded_cholesky import BandedMatrix, FewBands
 
 
 def banded(count, width, seed=0):
@@ -37,7 +37,9 @@ def test_all_that_follows_is_that_of_the_dense_matrix(count, width):
 
 def test_sums_and_multiples_are_those_of_the_matrices():
     (one, dense_one), (two, dense_two) = banded(3, 4, 1), banded(3, 4, 2)
-    both = one.plus(0.5, two).cholesky(overwrite=True)
+    all_of_it = FewBands(tuple(range(5)), np.ascontiguousarray(two.bands))
+    np.testing.assert_array_equal(all_of_it.filled().bands, two.bands)
+    both = one.plus(0.5, all_of_it, np.zeros_like(one.bands)).cholesky(overwrite=True)
     right = np.ones(12)
     wanted = np.linalg.solve(dense_one + 0.5 * dense_two, right)
     np.testing.assert_allclose(both.solve(right), wanted, atol=1e-13)

@@ -86,6 +86,7 @@ def repeating_errors(
         parts.append((np.einsum("nij,jpl->nipl", R_base_marker, moved.tip), moved.points_tracker))
     by_markers = np.concatenate([part for part, _ in parts], axis=2)
     points = np.concatenate([points for _, points in parts])
+    parts.clear()  # there is no room for both
     return Repeating(
         readonly(field.propagate(by_markers.reshape(3 * n, -1, 3), points)),
         readonly(robot),

@@ -14,13 +14,12 @@ boundary, the less other times than that one count.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import erf
 
-from rona_core.geometry.arrays import Bools, Floats, Ints, as_floats
+from rona_core.geometry.arrays import Bools, Floats
 from rona_core.ultrasound.detection.single.candidates import BLOCK, Echoes
-from rona_core.ultrasound.detection.single.front_echo import standoff_mm, subtract_fronts
-from rona_core.ultrasound.detection.single.inner_echo import InnerEchoes, bone_filter
+from rona_core.ultrasound.detection.single.front_echo import standoff_mm
+from rona_core.ultrasound.detection.single.inner_echo import InnerEchoes
 from rona_core.ultrasound.detection.spatial.cycle_slips import slip_chances
 from rona_core.ultrasound.detection.spatial.detectability import detectability
 from rona_core.ultrasound.detection.spatial.neighbours import (
@@ -30,20 +29,15 @@ from rona_core.ultrasound.detection.spatial.neighbours import (
     LocalPlanes,
     plane_axes,
 )
-from rona_core.ultrasound.probe.beam import probe_beam
-from rona_core.ultrasound.probe.excitation import GRID
-from rona_core.ultrasound.probe.materials import GEL, Complexes, Material
+from rona_core.ultrasound.detection.spatial.slope_likelihoods import (
+    Singles,
+    Weighed,
+    weigh_slopes,
+)
+from rona_core.ultrasound.probe.materials import GEL, Material
 from rona_core.ultrasound.probe.probe_model import ProbeModel, ProbeSurvey
 
-Singles = NDArray[np.float32]
-STEEPEST = 2.2  # slope, over that at which a disc receives nothing at the centre frequency
-SLOPES = 14  # that are tried, from 0
-REACH_US = 0.65  # around the time as it is: further off is another boundary
-STEPS_PER_CYCLE = 18
-CLUTTER = 0.8  # what the template does not know, over a nominal echo, at each frequency
-ALIKE = 2.0  # neighbouring frequencies do not err on their own: so much less they count
 LEVEL_SD = 0.45  # natural logarithm of the level about that of the survey
-LEAST_LEVEL = 1e-3
 HELD_CYCLES = 0.3  # how far off a time may be that was fitted for a parallel boundary,
 FLAT = 0.3  # if the slope is under this share of the steepest one
 WITNESS = 0.5  # confidence from which on an echo is a witness for those beside it
@@ -60,16 +54,6 @@ TILTED_CYCLES = 0.11  # and with the outer boundary taken from a map
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Weighed:
-    """Likelihoods of the A-scans (n,) for each slope (s,) and time (t,) about the start time."""
-
-    slopes: Floats  # (s,) us per mm
-    offsets_us: Floats  # (t,)
-    likelihood: Singles  # (n, s, t) logarithm
-    level: Singles  # (n, s, t) natural logarithm of the echo over a nominal one
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class _Settled:
     """What the A-scans (n,) come to."""
 
@@ -78,27 +62,6 @@ class _Settled:
     level: Floats  # (n,) natural logarithm
     slopes: Floats  # (n, 2) of the inner time, us per mm
     slip_chance: Floats  # (n,)
-
-
-def beam_transform(probe: ProbeModel, frequencies_mhz: Floats, slopes: Floats) -> Complexes:
-    """Return what a boundary does to its echo (s, f) whose time rises by slopes (s,) in us per mm.
-
-    It is the transform of the beam on the face of the line: 1 for a slope of 0.
-    """
-    beam = probe_beam(probe)
-    ways = np.multiply.outer(beam.frequencies_mhz, beam.points_mm[:, 0])  # (f, rays)
-    flat = beam.weights.sum(axis=0)
-    seen = np.stack(
-        [(beam.weights.T * np.exp(-2j * np.pi * ways * s)).sum(axis=1) / flat for s in slopes]
-    )
-    known = beam.frequencies_mhz
-    return np.stack(
-        [
-            np.interp(frequencies_mhz, known, row.real)
-            + 1j * np.interp(frequencies_mhz, known, row.imag)
-            for row in seen
-        ]
-    )
 
 
 def correct_oblique_echoes(
@@ -120,7 +83,7 @@ def correct_oblique_echoes(
     if survey.positions_mm is None or len(rows) <= LEAST_NEIGHBOURS:
         return found
     upright = survey.known_standoff_mm is None
-    weighed = _weigh(echoes, found.lag_us, rows, bone)
+    weighed = weigh_slopes(echoes, found.lag_us, rows, bone)
     probe, to_plane = echoes.template.probe, plane_axes(survey.positions_mm[rows])
     places = survey.positions_mm[rows] @ to_plane
     around = LocalPlanes(places)
@@ -147,7 +110,7 @@ def correct_oblique_echoes(
 
 
 def _settled(
-    weighed: _Weighed,
+    weighed: Weighed,
     start: tuple[Floats, Floats],
     around: LocalPlanes,
     outer_slope: Floats,
@@ -169,28 +132,45 @@ def _settled(
     start_us, sigma_us = start
     lag, sd = start_us, np.maximum(sigma_us, SCATTER_FLOOR)
     level, slopes = np.zeros(len(lag)), np.zeros((len(lag), 2))
-    alone: Floats = np.zeros(0)
+    shape = len(lag), len(weighed.offsets_us)
+    alone, shares, together = np.zeros(shape), np.zeros(shape), np.zeros(shape)
     held = _held(weighed, probe)
     slope_sd = np.where(slope_known, SLOPE_SD, UNKNOWN_SD)[:, None]
     for turn in range(ROUNDS):
         expected, slopes, scatter = around.planes(lag, sd)
         slope = np.where(slope_known, np.hypot(*(slopes + outer_slope).T), 0.0)
-        unlike = (weighed.slopes - slope[:, None]) / slope_sd
+        unlike = 0.5 * ((weighed.slopes - slope[:, None]) / slope_sd) ** 2
         usual = _usual_level(weighed, slope)
-        alone = weighed.likelihood - 0.5 * ((weighed.level - usual) / LEVEL_SD) ** 2
-        alone = alone - 0.5 * unlike[:, :, None] ** 2  # now in double precision
-        log_chance = alone - held
         if turn:
             off = (start_us - expected)[:, None] + weighed.offsets_us
             residual = off / np.hypot(scatter, EXPECTED_SD_US)[:, None]  # standardised
             together = -NEIGHBOUR_WEIGHT * np.log1p(0.5 * residual**2)
-            log_chance += np.where(around.known[:, None], together, 0.0)[:, None, :]
-        lag, sd, level = _mean(weighed, log_chance, start_us)
+            together[~around.known] = 0.0
+        for first in range(0, len(lag), BLOCK):  # all at once would be the largest arrays here
+            some = slice(first, first + BLOCK)
+            chances = _chances(weighed, some, unlike[some], usual)
+            if turn == ROUNDS - 1:
+                alone[some] = _over_slopes(chances)
+            chances -= held
+            chances += together[some, None, :]
+            shares[some], level[some] = _over_times(chances, weighed.level[some])
+        lag, sd = _mean(weighed.offsets_us, shares, start_us)
     period_us = 1.0 / probe.centre_mhz
-    slipped = slip_chances(
-        _over_slopes(alone), weighed.offsets_us, lag - start_us, sigma_us, period_us
-    )
+    slipped = slip_chances(alone, weighed.offsets_us, lag - start_us, sigma_us, period_us)
     return _Settled(lag, sd, level, slopes, slipped)
+
+
+def _chances(weighed: Weighed, some: slice, unlike: Floats, usual: float) -> Floats:
+    """Return the logarithms of the chances (n, s, t) of A-scans by themselves.
+
+    Args:
+        weighed: Likelihoods of the survey.
+        some: Which A-scans (n) are meant.
+        unlike: How unlikely each slope is (n, s) by what the neighbours say.
+        usual: Logarithm of the level of an echo.
+    """
+    alone = weighed.likelihood[some] - 0.5 * ((weighed.level[some] - usual) / LEVEL_SD) ** 2
+    return np.asarray(alone - unlike[:, :, None], dtype=np.float64)  # now in double precision
 
 
 def _over_slopes(log_chance: Floats) -> Floats:
@@ -200,7 +180,7 @@ def _over_slopes(log_chance: Floats) -> Floats:
     return np.asarray(most + np.log(np.exp(over, out=over).sum(axis=1)))
 
 
-def _held(weighed: _Weighed, probe: ProbeModel) -> Singles:
+def _held(weighed: Weighed, probe: ProbeModel) -> Singles:
     """Return how unlikely offsets are (s, t) from a time that was fitted for a parallel boundary.
 
     The flatter the boundary, the more that time counts.
@@ -216,52 +196,7 @@ def _within(sigma_us: Floats, bone: Material) -> Floats:
     return np.asarray(erf(1.0 / sigma_mm / np.sqrt(2.0)))
 
 
-def _weigh(echoes: Echoes, lag_us: Floats, rows: Ints, bone: Material) -> _Weighed:
-    template = echoes.template
-    probe, f = template.probe, template.frequencies_mhz
-    null = 1.22 / (2.0 * probe.aperture_radius_mm * probe.centre_mhz)
-    slopes = as_floats(np.linspace(0.0, STEEPEST * null, SLOPES))
-    step = 1.0 / (STEPS_PER_CYCLE * probe.centre_mhz)
-    reach = round(REACH_US / step)
-    offsets = as_floats(np.arange(-reach, reach + 1) * step)
-    responses = beam_transform(probe, f, slopes)
-    turns = template.shift(offsets).T  # (f, t)
-    parts = [
-        _block(echoes, lag_us, rows[k : k + BLOCK], bone, responses, turns)
-        for k in range(0, len(rows), BLOCK)
-    ]
-    likelihood, level = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return _Weighed(slopes, offsets, likelihood, level)
-
-
-def _block(
-    echoes: Echoes,
-    lag_us: Floats,
-    rows: Ints,
-    bone: Material,
-    responses: Complexes,
-    turns: Complexes,
-) -> tuple[Singles, Singles]:
-    template = echoes.template
-    lag = lag_us[rows]
-    behind = subtract_fronts(echoes.aligned[rows], template) * template.shift(lag)
-    echo = bone_filter(template, bone, lag * bone.speed_mm_per_us / 2.0)
-    noise = GRID * np.maximum(echoes.noise[rows], 1e-9)[:, None] ** 2
-    weights = 1.0 / (noise + (CLUTTER * np.abs(echo)) ** 2)
-    shape = len(rows), len(responses), turns.shape[1]
-    likelihood, level = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-    matched = (behind * weights * np.conj(echo)).astype(np.complex64)
-    energies = (weights * np.abs(echo) ** 2) @ (np.abs(responses) ** 2).T
-    single = turns.astype(np.complex64)
-    for k, response in enumerate(np.conj(responses).astype(np.complex64)):
-        output = np.maximum(((matched * response) @ single).real, 0.0)
-        energy = energies[:, k, None]
-        likelihood[:, k] = output**2 / energy / ALIKE
-        level[:, k] = np.log(np.maximum(output / energy, LEAST_LEVEL))
-    return likelihood, level
-
-
-def _usual_level(weighed: _Weighed, slope: Floats) -> float:
+def _usual_level(weighed: Weighed, slope: Floats) -> float:
     """Return the logarithm of the median level of the echoes of this survey, at these slopes."""
     nearest = np.abs(weighed.slopes - slope[:, None]).argmin(axis=1)
     rows = np.arange(len(nearest))
@@ -269,19 +204,22 @@ def _usual_level(weighed: _Weighed, slope: Floats) -> float:
     return float(np.median(weighed.level[rows, nearest, best]))
 
 
-def _mean(weighed: _Weighed, chances: Floats, middle_us: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return mean and standard deviation (n,) of the times, and the mean level.
+def _over_times(chances: Floats, level: Singles) -> tuple[Floats, Floats]:
+    """Return the share (n, t) of each time, and the mean of the levels (n, s, t).
 
     The logarithms of the chances (n, s, t) are lost: there is no room for one more such array.
     """
     share = np.subtract(chances, chances.max(axis=(1, 2), keepdims=True), out=chances)
     np.exp(share, out=share)
     share /= share.sum(axis=(1, 2), keepdims=True)
-    level = (share * weighed.level).sum(axis=(1, 2))
-    share = share.sum(axis=1)
-    mean = share @ weighed.offsets_us
-    spread = (share * (weighed.offsets_us - mean[:, None]) ** 2).sum(axis=1)
-    return middle_us + mean, np.sqrt(spread), level
+    return share.sum(axis=1), (share * level).sum(axis=(1, 2))
+
+
+def _mean(offsets_us: Floats, shares: Floats, middle_us: Floats) -> tuple[Floats, Floats]:
+    """Return mean and standard deviation (n,) of the times, given the share (n, t) of each."""
+    mean = shares @ offsets_us
+    spread = (shares * (offsets_us - mean[:, None]) ** 2).sum(axis=1)
+    return middle_us + mean, np.sqrt(spread)
 
 
 def _outer_slope(places: Floats, standoff_mm: Floats, axes: Floats, around: LocalPlanes) -> Floats:

@@ -70,19 +70,21 @@ def draw_maps(
         raise StaleResultError(f"the maps are stale: {reason or 'they are of other A-scans'}")
     generator = np.random.default_rng(seed)
     kept = [term for term in terms.outer if not (same_robot and term.of_robot)]
-    outer = _drawn(maps.outer, kept, terms.outer_plate, count, generator)
+    outer = _drawn(maps.outer, kept, count, generator)
+    _add_plate(outer, maps.outer, terms.outer_plate, generator)
     outer += maps.outer.height_mm
     # another scan errs alike by what reference points alone can mend: the speed of sound
     lasting = [term for term in terms.thickness if term.remedy == POINTS]
     passing = [term for term in terms.thickness if not (term.remedy == POINTS or term.hidden)]
-    reread = _drawn(maps.outer, passing, None, count, generator)
+    reread = _drawn(maps.outer, passing, count, generator)
     signs = np.where(grooves | (generator.random(count) < 0.5), -1.0, 1.0)
     for term in terms.thickness:
         if term.hidden:
             reread += _hidden(maps.outer, term, signs, generator)
     reread += maps.thickness_mm()
-    inner = _drawn(maps.outer, lasting, None, count, generator)  # of the speed, so far
-    reread += _drawn(maps.outer, (), terms.thickness_plate, count, generator)
+    inner = _drawn(maps.outer, lasting, count, generator)  # of the speed, so far
+    if terms.thickness_plate is not None:
+        _add_plate(reread, maps.outer, terms.thickness_plate, generator)
     inner += reread
     np.maximum(inner, LEAST_THICKNESS_MM, out=inner)
     np.subtract(outer, inner, out=inner)
@@ -92,11 +94,10 @@ def draw_maps(
 def _drawn(
     grid: BoundaryMap,
     terms: Iterable[ErrorTerm],
-    plate: PlateField | None,
     count: int,
     generator: Generator,
 ) -> Floats:
-    """Return errors (count, nu, nv) by all causes."""
+    """Return errors (count, nu, nv) by causes."""
     shape = grid.height_mm.shape
     errors = np.zeros((count, *shape))
     for term in terms:
@@ -108,13 +109,16 @@ def _drawn(
             if term.cause != INTERPOLATION:
                 field = along_u @ generator.standard_normal(some.shape) @ along_v.T
                 some += np.broadcast_to(term.own_mm, shape) * field
-    if plate is not None:
-        u, v = np.meshgrid(grid.u_mm, grid.v_mm, indexing="ij")
-        places = np.column_stack((u.ravel(), v.ravel()))
-        drawn = plate.draws(places, count, generator)
-        drawn -= plate.heights(places)
-        errors += drawn.reshape(errors.shape)
     return errors
+
+
+def _add_plate(errors: Floats, grid: BoundaryMap, plate: PlateField, generator: Generator) -> None:
+    """Add to errors (n, nu, nv) what is unknown of a plate between its samples."""
+    u, v = np.meshgrid(grid.u_mm, grid.v_mm, indexing="ij")
+    places = np.column_stack((u.ravel(), v.ravel()))
+    drawn = plate.draws(places, len(errors), generator)
+    drawn -= plate.heights(places)
+    errors += drawn.reshape(errors.shape)
 
 
 def _hidden(grid: BoundaryMap, term: ErrorTerm, signs: Floats, generator: Generator) -> Floats:

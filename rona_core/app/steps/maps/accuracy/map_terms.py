@@ -33,7 +33,12 @@ from rona_core.geometry.arrays import Floats
 from rona_core.geometry.surface.cloud import SurfaceCloud
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.mapping.cloud_fusion import PATCH_MM, CloudPrior, FusedCloud, fuse_cloud
-from rona_core.mapping.fitting.plate_field import ROUGHNESS_MM, PlateField, fit_field
+from rona_core.mapping.fitting.plate_field import (
+    ROUGHNESS_MM,
+    PlateField,
+    fit_field,
+    plate_through,
+)
 from rona_core.mapping.map_grid import NEAR_MM
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
@@ -142,7 +147,7 @@ def _terms(
     outer_map = T_map_base @ maps.outer_points_base[maps.outer_used]
     outer_sigma = found[0].outer_sigma_mm[maps.outer_used[:n]]  # of the first pass alone
     face_mm = 2.0 * probe_model(samples.probe).aperture_radius_mm
-    plate = fit_field(outer_map[:, :2], outer_map[:, 2])
+    plate = plate_through(outer_map)
     rest = (ErrorTerm("roughness within the beam", own_mm=ROUGHNESS_MM), *place.of_cells(maps))
     outer = (*sampling_terms(maps.outer, plate, plate, outer_sigma, face_mm), *rest)
     fused = _fused_terms(maps, outer, plate, cloud)

@@ -13,10 +13,8 @@ from rona_core.ultrasound.detection.detect import NOMINAL_SPEED_MM_PER_US, detec
 from rona_core.ultrasound.detection.single.candidates import clear_fronts, search_echoes
 from rona_core.ultrasound.detection.spatial.candidate_selection import select_inner_echoes
 from rona_core.ultrasound.detection.spatial.neighbours import LocalPlanes, scan_links
-from rona_core.ultrasound.detection.spatial.oblique_correction import (
-    beam_transform,
-    correct_oblique_echoes,
-)
+from rona_core.ultrasound.detection.spatial.oblique_correction import correct_oblique_echoes
+from rona_core.ultrasound.detection.spatial.slope_likelihoods import beam_transform
 from rona_core.ultrasound.probe.beam import probe_beam
 from rona_core.ultrasound.probe.materials import TABLE
 from rona_core.ultrasound.probe.probe_model import ProbeSurvey, probe_model
