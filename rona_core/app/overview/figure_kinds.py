@@ -114,9 +114,7 @@ FIGURES: dict[str, FigureKind] = {
         "Bone left by a rehearsal, true", "rehearsal", "mm", 2
     ),
     "rehearsal_raised_mm": FigureKind("Rehearsal: floor above plan", "rehearsal", "mm", 2),
-    "rehearsal_raised_s": FigureKind(
-        "Rehearsal: certified motion of the raised layers", "rehearsal", "s", 0
-    ),
+    "rehearsal_raised_s": FigureKind("Rehearsal: time of raised layers", "rehearsal", "s", 0),
     "rehearsal_implant_high_mm": FigureKind(
         "Rehearsal: implant over its seat", "rehearsal", "mm", 2
     ),
