@@ -134,16 +134,14 @@ def fit_field(
     count = len(heights_mm)
     weights = np.ones(count) if relative_variance is None else 1.0 / relative_variance
     grid = grid_around(places_mm)
-    bend = bending(*grid.shape, grid.step_mm)
+    bend, operator = bending(*grid.shape, grid.step_mm), grid.operator(places_mm)
     filled = bend.filled()
-    operator = grid.operator(places_mm)
     weighted = operator.T.multiply(weights).tocsr()
     information = grid.banded((weighted @ operator).tocsr())
     information.regularize()
     trend = fit_quadric(places_mm, heights_mm)
     over = heights_mm - trend.heights(places_mm)
     right = np.asarray(weighted @ over)
-
     room = np.zeros_like(information.bands)  # of one factor: memory anew for each takes longer
 
     def solved(stiff: float) -> tuple[BandedCholesky, Floats, float]:
@@ -155,9 +153,8 @@ def fit_field(
 
     def unlikely(log_stiffness: float) -> float:
         factor, _, variance = solved(float(np.exp(log_stiffness)))
-        free = grid.shape[0] * grid.shape[1] - PLANES
         fit = (count - PLANES) * np.log(variance)
-        return float(fit + factor.log_determinant() - free * log_stiffness)
+        return float(fit + factor.log_determinant() - (right.size - PLANES) * log_stiffness)
 
     if stiffness is None:
         best: Any = minimize_scalar(

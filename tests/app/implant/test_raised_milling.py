@@ -15,12 +15,14 @@ from rona_core.app.steps.implant.milling_derivation import (
 )
 from rona_core.app.steps.implant.milling_motion import require_certified
 from rona_core.app.steps.implant.rehearsal import derive_rehearsal, rehearsal_ok, rehearsal_verdict
-from rona_core.app.steps.implant.rehearsal_task import RaisedMilling, milling_task
+from rona_core.app.steps.implant.rehearsal_task import FloorScan, RaisedMilling, milling_task
 from rona_core.app.steps.implant.view import milling_view
 from rona_core.compose import milling_site
 from rona_core.devices.protocols import never, silent
+from rona_core.errors import CancelledError
 from rona_core.evaluation.milling.rehearsal_metrics import milled_again, rehearsal_figures
 from rona_core.evaluation.truth import truth_of
+from rona_core.planning.rehearsal.floor_line import FloorLine
 from rona_core.robot.verification.cutting_verifier import verify_cutting
 from rona_core.session.codec import digest
 from rona_core.session.files import load_session, session_bytes, session_from_bytes
@@ -55,6 +57,14 @@ def rehearsed(session):
     found = derive_rehearsal(session, RehearseMilling(), site, progress=silent, cancel=never)
     held = replace(session.results.more["rehearsal"], value=found)
     return session.with_result("rehearsal", held), found, site
+
+
+def test_planning_of_layers_and_of_the_re_scan_can_be_cancelled(milled):
+    with pytest.raises(CancelledError):
+        RaisedMilling(milled, roll_of(milled), cancel=lambda: True)(-1, -2.0)
+    line = FloorLine(np.array([(0.0, 0.0, 5.0), (0.0, 0.0, -2.0), (0.0, 0.0, 5.0)]), np.array([1]))
+    with pytest.raises(CancelledError):
+        FloorScan(milled, cancel=lambda: True)(line)
 
 
 def test_raised_layers_are_milled_in_their_own_certified_motion(milled, monkeypatch):

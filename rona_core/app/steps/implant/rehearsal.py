@@ -70,8 +70,8 @@ def derive_rehearsal(
         CancelledError: somebody cancelled.
     """
     planned, _ = require_certified(session)
-    raised = RaisedMilling(session, planned.verdicts[planned.chosen].roll_deg)
-    floor_scan = FloorScan(session)
+    raised = RaisedMilling(session, planned.verdicts[planned.chosen].roll_deg, cancel)
+    floor_scan = FloorScan(session, cancel)
     task = milling_task(session, raised, floor_scan)
     detector = FloorDetector(session, task.way.T_base_bed)
     outcome = rehearse(task, site, detector, progress=progress, cancel=cancel)

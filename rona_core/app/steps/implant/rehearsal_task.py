@@ -11,6 +11,7 @@ from rona_core.app.steps.implant.milling_plan import MillingPlan
 from rona_core.app.steps.implant.view import MillingView, boundary_heights, milling_view
 from rona_core.app.steps.roll.derivation import plan_settings
 from rona_core.app.steps.roll.messages import StartRollSearch
+from rona_core.devices.protocols import Cancel, never
 from rona_core.devices.samples import AScanTrack
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.path5d import Path5D
@@ -125,21 +126,25 @@ class RaisedMilling:
         plan: What it planned last; None before that, and where nothing was left to be milled.
     """
 
-    def __init__(self, session: Session, roll_deg: float) -> None:
+    def __init__(self, session: Session, roll_deg: float, cancel: Cancel = never) -> None:
         """Plan for the robot of a session; only where this roll fails are all others tried."""
-        self._session, self._roll_deg = session, roll_deg
+        self._session, self._roll_deg, self._cancel = session, roll_deg, cancel
         self.plan: MillingPlan | None = None
 
     def __call__(self, pause: int, ceiling_mm: float) -> BurrWay | None:
-        """Return the way after a layer, nothing of it below a height of ``bed``, if certified."""
+        """Return the way after a layer, nothing of it below a height of ``bed``, if certified.
+
+        Raises:
+            CancelledError: somebody cancelled.
+        """
         self.plan, session = None, self._session
         view = raised_view(milling_view(session), pause, ceiling_mm)
         if view is None:
             return None
         same = CuttingPlanSettings(n_rolls=1, roll_from_deg=self._roll_deg)
-        self.plan = plan_view(session, view, same)
+        self.plan = plan_view(session, view, same, cancel=self._cancel)
         if not self.plan.may_move:
-            self.plan = plan_view(session, view, CuttingPlanSettings())
+            self.plan = plan_view(session, view, CuttingPlanSettings(), cancel=self._cancel)
         motion = self.plan.certified_motion
         if motion is None:
             return None
@@ -153,20 +158,24 @@ class FloorScan:
         plan: What it planned last, by the line as the path; None before that.
     """
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: Session, cancel: Cancel = never) -> None:
         """Plan for the robot of a session, with the probe in its hand."""
-        self._session = session
+        self._session, self._cancel = session, cancel
         self._T_base_bed = milling_view(session).placed.T_base_bed
         self.plan: RobotPlan | None = None
 
     def __call__(self, line: FloorLine) -> ProbeWay | None:
-        """Return where the probe is pressed on along a line, upright, if that is certified."""
+        """Return where the probe is pressed on along a line, upright, if that is certified.
+
+        Raises:
+            CancelledError: somebody cancelled.
+        """
         session, T_base_bed = self._session, self._T_base_bed
         axes = np.tile(-T_base_bed.rotation[:, 2], (len(line.points_bed), 1))
         path = Path5D(T_base_bed @ line.points_bed, axes)
         asked = StartRollSearch(n_rolls=FLOOR_ROLLS, mode="constant")
         model = robot_model(session.setup.devices.robot.model)
-        self.plan = plan_scan(path, model, plan_settings(session, asked))
+        self.plan = plan_scan(path, model, plan_settings(session, asked), cancel=self._cancel)
         motion = self.plan.trajectory
         if motion is None or not self.plan.may_move:
             return None

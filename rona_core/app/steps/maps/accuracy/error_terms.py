@@ -11,12 +11,10 @@ from rona_core.geometry.arrays import Bools, Floats, readonly
 # Grooves or crests are where a Gaussian field is more than so many deviations high, as deep as it
 # exceeds that: one place in six has some.
 HIDDEN_FROM = 1.0
-_SHARE, _DENSITY = (
-    float(ndtr(-HIDDEN_FROM)),
-    float(np.exp(-0.5 * HIDDEN_FROM**2) / (2 * np.pi) ** 0.5),
-)
-_MEAN = _DENSITY - HIDDEN_FROM * _SHARE
-_RMS = float(np.sqrt((1.0 + HIDDEN_FROM**2) * _SHARE - HIDDEN_FROM * _DENSITY))
+_ABOVE = float(ndtr(-HIDDEN_FROM))  # share of places, and density at the edge
+_EDGE = float(np.exp(-0.5 * HIDDEN_FROM**2) / np.sqrt(2.0 * np.pi))
+_MEAN = _EDGE - HIDDEN_FROM * _ABOVE
+_RMS = float(np.sqrt((1.0 + HIDDEN_FROM**2) * _ABOVE - HIDDEN_FROM * _EDGE))
 HIDDEN_ALIKE = _MEAN / _RMS  # share of their RMS that all cells have in common
 
 
