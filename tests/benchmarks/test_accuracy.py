@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.suites.accuracy import accuracy, judged_maps, map_cost
+from benchmarks.suites.accuracy import accuracy, gap_fusion, judged_maps, map_cost
 from rona_core.compose import build_virtual_rig
 from rona_core.evaluation.truth import truth_of
 from rona_core.session.document import Session
@@ -52,6 +52,18 @@ def test_medians_have_the_goal_of_their_world():
     metric = found["nominal: outer_same_robot_rms_mm (median of 3)"]
     assert (metric.value, metric.goal, metric.holds) == (0.04, 0.05, True)
     assert found["nominal: inner_same_robot_rms_mm (median of 0)"].holds is None
+
+
+def test_fusion_is_held_against_what_no_session_can_know():
+    session = load_session(demo_session())
+    found = gap_fusion.fusion_figures(
+        session, truth_of(session, build_virtual_rig(session.setup).scene)
+    )
+    assert found is not None
+    for errors in (found.covered, found.gap):
+        assert errors["exact points"] < errors["true motion"] < 1.05 * errors["fused"]
+        assert errors["exact points"] < 0.8 * errors["alone"]
+    assert 0.05 < found.slide_stated_mm < 0.3
 
 
 def test_a_survey_lies_in_rows_on_a_dome():

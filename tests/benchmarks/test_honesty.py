@@ -9,7 +9,14 @@ import pytest
 from benchmarks import honesty_page
 from benchmarks.suites.honesty.design import POINTERS, ROBOTS, TRACKERS, levels_of
 from benchmarks.suites.honesty.honesty import CaseSamples
-from benchmarks.suites.honesty.judged import Judged, grouped, honesty, principal_parts, rows
+from benchmarks.suites.honesty.judged import (
+    Judged,
+    grouped,
+    honesty,
+    principal_parts,
+    rank_goal,
+    rows,
+)
 
 
 def drawn(factor, *, seeds=80, samples=30, varies=True):
@@ -28,6 +35,39 @@ def test_a_sigma_three_times_wrong_does_not_hold(factor, honest):
     assert found.ratio.value == pytest.approx(1.0 / factor**2, rel=0.1)
     assert all(metric.holds is not False for metric in rows(found)) is honest
     assert found.rank.value > 0.3  # which places are worse it knows all the same
+
+
+@pytest.mark.parametrize("seeds", [5, 20, 100])
+def test_honest_common_parts_hold_in_studies_of_any_size(seeds):
+    def held(factor):
+        rng = np.random.default_rng(4)
+        studies = rng.normal(size=(60, seeds))
+        found = [
+            honesty(
+                [
+                    Judged("x", "common", k, np.array([e]), np.array([factor]))
+                    for k, e in enumerate(one)
+                ]
+            )
+            for one in studies
+        ]
+        return np.mean([all(m.holds is not False for m in rows(one)) for one in found])
+
+    assert held(1.0) > 0.9  # of ratio and band, each 95 %
+    assert held(1.0 / 3.0) < 0.2
+    assert held(5.0) < 0.2
+
+
+def test_a_rank_misses_where_its_whole_interval_does():
+    samples = list(drawn(1.0))
+    assert rank_goal(honesty(samples)) < min(0.3, honesty(samples).drawn_rank)
+    rng = np.random.default_rng(7)
+    blind = [
+        Judged(one.quantity, one.part, one.seed, one.errors, rng.permutation(one.sigmas), True)
+        for one in samples
+    ]
+    (metric,) = (m for m in rows(honesty(blind)) if m.name.endswith("rank correlation"))
+    assert metric.holds is False
 
 
 def test_one_sigma_for_all_places_has_no_rank():

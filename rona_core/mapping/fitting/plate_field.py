@@ -80,10 +80,13 @@ class PlateField:
 
     def heights(self, places_mm: Floats, along: tuple[int, int] = (0, 0)) -> Floats:
         """Return the heights (m,) at places (m, 2), or a first derivative along one axis."""
+        return self.trend.heights(places_mm, along) + self.departures(places_mm, along)
+
+    def departures(self, places_mm: Floats, along: tuple[int, int] = (0, 0)) -> Floats:
+        """Return the heights (m,) over the trend at places (m, 2), or a first derivative."""
         orders = along[::-1] if self.grid.swapped else along
         u, v = self.grid.own(places_mm).T
-        over = np.asarray(self._chart.ev(u, v, dx=orders[0], dy=orders[1]), dtype=np.float64)
-        return self.trend.heights(places_mm, along) + over
+        return np.asarray(self._chart.ev(u, v, dx=orders[0], dy=orders[1]), dtype=np.float64)
 
     def sigmas_mm(self, places_mm: Floats) -> Floats:
         """Return the standard deviations (m,) of the field at places (m, 2), scatter left aside."""

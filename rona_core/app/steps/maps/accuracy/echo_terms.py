@@ -8,11 +8,13 @@ from rona_core.app.steps.maps.accuracy.error_terms import HIDDEN_ALIKE, ErrorTer
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
-from rona_core.mapping.fitting.plate_field import PlateField
+from rona_core.mapping.fitting.plate_field import ROUGHNESS_MM, PlateField
 
 INTERPOLATION = "interpolation"
 ROWS = "scan closer rows, or a second pass"
 NEAREST = 6  # A-scans whose time of flight counts at a cell
+ROUGHNESS = "roughness within the beam"
+PLACES = 24  # evenly over a face, at which a plate is looked at
 UNHEARD = "inner boundary not heard"
 UNHEARD_MM = 0.4  # where no place around was heard, both parts together
 UNHEARD_REACH_MM = 2.0  # places this far away count as around, and errors hang together
@@ -55,6 +57,24 @@ def sampling_terms(
         ),
         ErrorTerm(INTERPOLATION, apart, mean_error_mm(apart, boundary, face_mm), remedy=ROWS),
     )
+
+
+def roughness_term(boundary: BoundaryMap, surface: PlateField, face_mm: float) -> ErrorTerm:
+    """Return what cells add since an A-scan hears all the bone below its face, not one place.
+
+    By how much the map itself departs from a plane within a face, less the dome of the whole: bone
+    that is seen to be rough is no less so where nobody looks, and none is as smooth as its map.
+    """
+    order = np.arange(PLACES)
+    radii = face_mm / 2.0 * np.sqrt((order + 0.5) / PLACES)
+    turns = order * np.pi * (3.0 - np.sqrt(5.0))  # as the seeds of a sunflower lie
+    face = np.column_stack((radii * np.cos(turns), radii * np.sin(turns)))
+    places = cells_map(boundary)[:, :2]
+    over = np.array([surface.departures(places + one) for one in face])
+    plane = np.column_stack((np.ones(PLACES), face))
+    rest = over - plane @ np.linalg.lstsq(plane, over, rcond=None)[0]
+    varies = np.mean(rest**2, axis=0).reshape(boundary.height_mm.shape)
+    return ErrorTerm(ROUGHNESS, own_mm=np.maximum(np.sqrt(varies), ROUGHNESS_MM))
 
 
 def unheard_term(maps: Maps, T_map_base: Pose) -> ErrorTerm:

@@ -18,6 +18,7 @@ from rona_core.app.steps.maps.accuracy.echo_terms import (
     ROWS,
     cells_map,
     mean_error_mm,
+    roughness_term,
     sampling_terms,
     unheard_term,
 )
@@ -34,7 +35,6 @@ from rona_core.geometry.surface.cloud import SurfaceCloud
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.mapping.cloud_fusion import PATCH_MM, CloudPrior, FusedCloud, fuse_cloud
 from rona_core.mapping.fitting.plate_field import (
-    ROUGHNESS_MM,
     PlateField,
     fit_field,
     plate_through,
@@ -148,7 +148,7 @@ def _terms(
     outer_sigma = found[0].outer_sigma_mm[maps.outer_used[:n]]  # of the first pass alone
     face_mm = 2.0 * probe_model(samples.probe).aperture_radius_mm
     plate = plate_through(outer_map)
-    rest = (ErrorTerm("roughness within the beam", own_mm=ROUGHNESS_MM), *place.of_cells(maps))
+    rest = (roughness_term(maps.outer, plate, face_mm), *place.of_cells(maps))
     outer = (*sampling_terms(maps.outer, plate, plate, outer_sigma, face_mm), *rest)
     fused = _fused_terms(maps, outer, plate, cloud)
     between_map = T_map_base @ maps.inner_points_base[maps.inner_used]
