@@ -14,7 +14,7 @@ DEFAULT: Mapping[str, Mapping[str, Any]] = {
         "suites.honesty.latency.SEEDS": range(40_200, 40_212),
         "suites.honesty.maps.SEEDS": range(40_420, 40_432),
         "suites.honesty.navigation.SEEDS": range(33_000, 33_024),
-        "suites.honesty.thickness.SEEDS": range(46_000, 46_024),
+        "suites.honesty.thickness.SEEDS": range(47_000, 47_024),
     },
     "accuracy": {
         "suites.accuracy.accuracy.SEEDS": range(37_000, 37_003),

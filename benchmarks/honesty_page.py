@@ -42,9 +42,10 @@ equally often (`benchmarks/suites/honesty/design.py`). Nothing was tuned on thes
 {RATIO_GOAL[1]:g}. *Band*: share of errors within 1.96 sigma, honest is 0.95, goal
 {BAND_GOAL[0]:g} to {BAND_GOAL[1]:g}.
 *Rank*: correlation of sigma and size of the error among the places of a session, for a sigma that
-claims to tell good places from bad ones. *Drawn*: what it is for errors that are drawn with these
-sigmas: the most that honest sigmas of this spread can reach. The goal of *rank* is {RANK_GOAL:g},
-or *drawn* where that is less; it misses where its whole interval does.
+claims to tell good places from bad ones. *Drawn*: what it is for normal errors, each drawn by
+itself with these sigmas. Errors that are seldom, but then a whole cycle of the echo, reach less
+however honest the sigmas ([why](algorithms/ultrasound/sound_speed.md)). The goal of *rank* is
+{RANK_GOAL:g}, or *drawn* where that is less; it misses where its whole interval does.
 
 Every seed counts the same, whatever its number of samples; in brackets the 95 % interval, by
 drawing seeds with replacement. What misses its goal is bold. A *common* part is one error for a

@@ -1,11 +1,14 @@
 """A small run of the case of thickness: what is stated holds, and reference points narrow it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from benchmarks.suites.honesty import thickness
 from benchmarks.suites.honesty.judged import grouped
 from rona_core.errors import DegenerateGeometryError
+from rona_core.ultrasound.acoustic_calibration.speed_calibration import uncalibrated
 
 SEEDS = (10_003, 10_007, 10_021)  # of those it was tuned with
 
@@ -35,6 +38,34 @@ def test_what_is_common_shrinks_with_reference_points_and_some_speeds_are_good(s
     assert common[5] < common[3] < 0.4 * common[0]
     good = groups["speed called good, 3 reference points (%)", "common"]
     assert all(one.sigmas[0] <= 1.5 for one in good)
+
+
+@pytest.fixture(scope="module")
+def timed_exactly():
+    """A patient of 2.5 mm/us everywhere, whose times of flight are right."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(thickness, "RADIUS_MM", 18.0)
+        patient = thickness.surveyed(10_003)
+    true = patient.thickness_mm.copy()
+    sure, found = patient.detection.inner_ok, patient.detection
+    true[sure] = found.thickness_mm[sure] * 2.5 / found.sound_speed_mm_per_us
+    return replace(patient, thickness_mm=true, speed_mm_per_us=np.full(len(true), 2.5))
+
+
+def test_a_speed_that_is_wrong_alike_everywhere_leaves_no_local_error(timed_exactly):
+    found = thickness.thickness_errors(timed_exactly, uncalibrated())
+    assert found.whole_mm.std() > 0.02  # thick places are more off than thin ones
+    np.testing.assert_allclose(found.local_mm, 0.0, atol=1e-9)
+
+
+def test_a_place_whose_echo_is_late_is_off_by_itself(timed_exactly):
+    late = timed_exactly.thickness_mm.copy()
+    row = int(np.flatnonzero(timed_exactly.detection.inner_ok)[5])
+    late[row] -= 0.4
+    found = thickness.thickness_errors(replace(timed_exactly, thickness_mm=late), uncalibrated())
+    share = 1.0 / len(found.local_mm)
+    assert found.local_mm[5] == pytest.approx(0.4 * (1.0 - share))
+    assert np.delete(found.local_mm, 5) == pytest.approx(-0.4 * share)
 
 
 def thickness_of(points):
