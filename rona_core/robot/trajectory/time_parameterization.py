@@ -110,11 +110,18 @@ def parameterize_time(
 
 
 def _asked(grid: Floats, way: Floats, limits: SpeedLimits, feeds: Floats | None) -> Floats:
-    """Return the speed (g,) that is asked for along the way."""
+    """Return the speed (g,) that is asked for along the way, the least within a cell around.
+
+    A stretch may begin anywhere in a cell, and end in the same one.
+    """
     if feeds is None:
         return np.full(len(grid), limits.speed_mm_per_s)
-    stretch = np.clip(np.searchsorted(way, grid, side="left"), 1, len(way) - 1)
-    return np.minimum(limits.speed_mm_per_s, feeds[stretch])
+    step, last = grid[1] - grid[0], len(way) - 1
+    first = np.clip(np.searchsorted(way, grid - step, side="right"), 1, last)
+    behind = np.clip(np.searchsorted(way, grid + step, side="left"), 1, last) + 1
+    ranges = np.column_stack((first, behind)).ravel()  # each is before its end and never empty
+    slowest = np.minimum.reduceat(np.append(feeds, np.inf), ranges)[::2]
+    return np.minimum(limits.speed_mm_per_s, slowest)
 
 
 def _integral_over_time(way_mm: Floats, speed_mm_per_s: Floats) -> tuple[Floats, PPoly]:

@@ -3,13 +3,23 @@
 import numpy as np
 import pytest
 
-from rona_core.planning.rehearsal.breakthrough import CHIP_MM, Breakthrough
+from rona_core.planning.rehearsal.breakthrough import (
+    CHIP_MM,
+    HIDDEN_MM,
+    HIDDEN_SHARE,
+    STEPS,
+    Breakthrough,
+)
+from rona_core.planning.rehearsal.rehearse import MOST_THROUGH
 from rona_core.planning.rehearsal.site import ForceReading
 
 STEP_MM, FEED, N_PER_MM2 = 0.25, 4.0, 3.0
 RANDOM = np.random.default_rng(3)
 DRAWS_MM = RANDOM.normal(0.2, 0.4, 400)  # bone left below the second layer: open to the maps
-OPEN = float((DRAWS_MM < -0.05).mean())
+OPEN = float(
+    (1.0 - HIDDEN_SHARE) * (DRAWS_MM < -0.05).mean()
+    + HIDDEN_SHARE * (DRAWS_MM - HIDDEN_MM < -0.05).mean()
+)
 
 
 def ring(count):
@@ -59,13 +69,39 @@ def test_where_the_maps_have_bone_in_every_draw_no_force_says_otherwise():
 
 
 def test_it_is_bayes_over_the_draws():
-    """Two draws, one whole chip in bone and one half of it in soft tissue, by hand."""
-    left = np.array((0.5, -0.5 * CHIP_MM))
-    ratio = 0.7
-    off = (np.log(ratio) - np.log(np.array((1.0, 1.0 - 0.9 * 0.5)))) / 0.35
+    """Two draws, one whole chip in bone and one half of it in soft tissue, by hand.
+
+    In some of both the bone is thinner: there the first is soft by a sixth, the second all through.
+    """
+    left, ratio = np.array((HIDDEN_MM - CHIP_MM / 6.0, -0.5 * CHIP_MM)), 0.7
+    expected = np.array((1.0, 1.0 - 0.9 / 2.0, 1.0 - 0.9 / 6.0, 0.1))
+    off = (np.log(ratio) - np.log(expected)) / 0.35
     weights = (1.0 + off**2 / 4.0) ** -2.5
+    weights *= np.repeat((1.0 - HIDDEN_SHARE, HIDDEN_SHARE), 2)
     found = probabilities(np.full(60, ratio), left_mm=left)
-    np.testing.assert_allclose(found[10:], weights[1] / weights.sum(), rtol=1e-9)
+    np.testing.assert_allclose(found[10:], weights[1:].sum() / weights.sum(), rtol=1e-9)
+
+
+def test_what_the_same_layer_put_up_there_before_does_not_delay_it():
+    """A place that is passed twice in one layer, first in bone and then through it."""
+    watch, found = Breakthrough(9.0), []
+    for layer, shares in ((0, np.ones(12)), (1, np.repeat((1.0, 0.02), 12))):
+        watch.begin_layer(layer)
+        for row, share in enumerate(shares):
+            place = np.array((STEP_MM * (row % 12), 0.0, 0.0))
+            force = N_PER_MM2 * 0.6 * share * FEED**0.5
+            below = DRAWS_MM if layer else np.full(400, 2.0)
+            found.append(watch.update(ForceReading(force, 0.1), place, 0.6, FEED, below))
+    first, second = np.array(found[12:24]), np.array(found[24:])
+    assert first[STEPS:].max() < 0.6 * OPEN
+    assert second[STEPS - 1 :].min() > 0.9
+
+
+def test_thin_bone_that_no_draw_has_is_found_by_next_to_no_force():
+    """Draws that are hardly through explain no soft chip better than those that are not."""
+    left = np.where(np.arange(400) < 20, -0.1, 0.4)
+    assert probabilities(np.ones(60), left_mm=left)[10:].max() < 0.2 * MOST_THROUGH
+    assert probabilities(np.full(60, 0.03), left_mm=left)[10:].min() > MOST_THROUGH
 
 
 def test_a_thinner_chip_or_less_feed_is_no_breakthrough():

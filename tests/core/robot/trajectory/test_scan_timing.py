@@ -15,7 +15,11 @@ from rona_core.robot.kinematics.joint_limits import JointLimits
 from rona_core.robot.redundancy.margins import joint_path
 from rona_core.robot.trajectory.corner_blend import NARROWEST_MM, TURN_RAD, blend_corners
 from rona_core.robot.trajectory.scan_timing import ScanSettings, time_scan
-from rona_core.robot.trajectory.time_parameterization import SpeedLimits, parameterize_time
+from rona_core.robot.trajectory.time_parameterization import (
+    GRID_MM,
+    SpeedLimits,
+    parameterize_time,
+)
 from rona_core.robot.trajectory.trajectory import Trajectory
 from rona_core.robot.verification.verifier import verify_scan
 from tests.helpers.roll_search import search_rolls
@@ -135,6 +139,24 @@ def test_the_way_over_time_keeps_speed_and_acceleration():
     assert speeds.min() >= -1e-9
     assert speeds.max() <= 30.0 * (1.0 + 1e-6)
     assert np.abs(np.diff(speeds) / times[1]).max() <= 250.0 * 1.001
+
+
+@pytest.mark.parametrize(("before", "slow", "after"), [(10.0, 20.0, 10.0), (2.0, 0.04, 2.0)])
+def test_a_slower_stretch_is_nowhere_passed_faster_wherever_it_begins_in_the_grid(
+    before, slow, after
+):
+    """One that is as long as the way before and after, and one that lies between two cells."""
+    for shift in np.linspace(0.0, GRID_MM, 11):
+        way = np.cumsum((0.0, 20.0 + shift, slow, 20.0))
+        feeds = np.array((before, before, 1.0, after))
+        qs, points = way[:, None] * np.full(6, 1e-5), way[:, None] * np.array((1.0, 0, 0))
+        limits = SpeedLimits(before, 250.0, 2500.0)
+        timed = parameterize_time(way, qs, points, limits, WIDE, feeds)
+        times = np.linspace(0.0, timed.duration_s, 5001)
+        least_s = np.interp(
+            timed.way_at(times), way, np.concatenate(([0.0], np.cumsum(np.diff(way) / feeds[1:])))
+        )
+        assert (np.diff(least_s) / times[1]).max() <= 1.001
 
 
 def test_slow_joints_hold_the_scan_back():
