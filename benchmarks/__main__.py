@@ -35,6 +35,7 @@ SUITES: Mapping[str, str] = {
     "recorded_rf": "ultrasound",
     "sound_speed": "ultrasound",
     "thickness": "ultrasound",
+    "rank_ceiling": "ultrasound",
     "volume": "ultrasound",
     "start": "procedure",
     "viewer": "procedure",

@@ -33,6 +33,7 @@ DEFAULT: Mapping[str, Mapping[str, Any]] = {
     "rehearsal": {"suites.implant.rehearsal.SEEDS": range(39_000, 39_002)},
     "bed_lines": {"suites.implant.bed_lines.SEEDS": range(42_080, 42_082)},
     "thickness": {"suites.ultrasound.thickness.SEEDS": range(31_000, 31_008)},
+    "rank_ceiling": {"suites.ultrasound.rank_ceiling.SEEDS": range(45_000, 45_016)},
     "speed": {"suites.procedure.speed.SEEDS": range(3)},
     "head_motion": {"suites.procedure.head_motion.SEEDS": range(34_000, 34_004)},
 }

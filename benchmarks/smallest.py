@@ -153,6 +153,10 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
         "suites.ultrasound.thickness.PROFILE": "nominal",
         "suites.ultrasound.thickness.ONE_PASS": ONE_PASS,
     },
+    "rank_ceiling": {
+        "suites.ultrasound.rank_ceiling.SEEDS": (10_003, 10_007),
+        "suites.honesty.thickness.RADIUS_MM": 12.0,
+    },
     "start": {
         "suites.procedure.start.HELP": (("--version",),),
         "suites.procedure.start.DEMO": ("inspect", str(DEMO)),

@@ -86,9 +86,11 @@ def honesty(samples: Sequence[Judged]) -> Honesty:
     ratios = [e / np.maximum(s, MIN_SIGMA) for e, s in zip(errors, sigmas, strict=True)]
     rank, drawn_rank = None, None
     if any(one.varies for one in samples):
-        rank = over_draws([_rank(e, s) for e, s in zip(errors, sigmas, strict=True)])
+        rank = over_draws([rank_correlation(e, s) for e, s in zip(errors, sigmas, strict=True)])
         random = np.random.default_rng(0)
-        drawn_rank = over_draws([_rank(s * random.normal(size=len(s)), s) for s in sigmas]).value
+        drawn_rank = over_draws(
+            [rank_correlation(s * random.normal(size=len(s)), s) for s in sigmas]
+        ).value
     return Honesty(
         quantity=samples[0].quantity,
         part=samples[0].part,
@@ -111,6 +113,13 @@ def over_draws(values: Sequence[float]) -> Statistic:
     rows = np.random.default_rng(0).integers(len(known), size=(DRAWS, len(known)))
     low, high = np.quantile(known[rows].mean(axis=1), INTERVAL)
     return Statistic(float(known.mean()), float(low), float(high))
+
+
+def rank_correlation(errors: Floats, sigmas: Floats) -> float:
+    """Return Spearman's correlation of sigma and |error|; NaN where one of them never changes."""
+    if len(errors) < 3 or np.ptp(sigmas) == 0.0 or np.ptp(np.abs(errors)) == 0.0:
+        return float("nan")
+    return float(np.asarray(spearmanr(np.abs(errors), sigmas))[0])
 
 
 def grouped(samples: Sequence[Judged]) -> Mapping[tuple[str, Part], list[Judged]]:
@@ -198,13 +207,6 @@ def _ends(name: str, statistic: Statistic) -> list[Metric]:
         Metric(f"{name}, 95 % sure above", statistic.low, "", "higher"),
         Metric(f"{name}, 95 % sure below", statistic.high, "", "lower"),
     ]
-
-
-def _rank(errors: Floats, sigmas: Floats) -> float:
-    """Return Spearman's correlation of sigma and |error|; NaN where one of them never changes."""
-    if len(errors) < 3 or np.ptp(sigmas) == 0.0 or np.ptp(np.abs(errors)) == 0.0:
-        return float("nan")
-    return float(np.asarray(spearmanr(np.abs(errors), sigmas))[0])
 
 
 def _rms(parts: Sequence[Floats]) -> float:
