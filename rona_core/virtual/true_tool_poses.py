@@ -22,6 +22,11 @@ def error_keys(times_s: Floats) -> Ints:
     return np.asarray(times_s // REPEAT_S).astype(np.int64)
 
 
+def error_key(time_s: float) -> int:
+    """Return that of one time: a contact loop asks every step."""
+    return int(time_s // REPEAT_S)
+
+
 class MovingTools:
     """True poses as functions of the time of one capture."""
 

@@ -87,11 +87,15 @@ def there_and_back(k_per_mm: Complexes, exact: bool) -> There:
     def fast(distances_mm: Floats) -> Phasors:
         distance = distances_mm.astype(np.float32)[:, None]
         angle = distance * turn
-        result = np.zeros(angle.shape, dtype=np.complex64)
-        np.cos(angle, out=result.real)
-        np.sin(angle, out=result.imag)
-        if not lossless:
-            result *= np.exp(np.multiply(distance, fade, out=angle), out=angle)
+        result = np.empty(angle.shape, dtype=np.complex64)
+        if lossless:
+            np.cos(angle, out=result.real)
+            np.sin(angle, out=result.imag)
+            return result
+        faded = distance * fade
+        np.exp(faded, out=faded)
+        np.multiply(np.cos(angle), faded, out=result.real)
+        np.multiply(np.sin(angle, out=angle), faded, out=result.imag)
         return result
 
     return fast

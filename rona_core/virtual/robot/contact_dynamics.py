@@ -49,20 +49,23 @@ class LaggingAxis:
 
         In one go, for a call takes as long as the sum.
         """
-        times, knots, lag_s, limit_mm = self._times, self._knots, self.lag_s, self.limit_mm
-        i, newest = bisect_right(times, times_s[0]) - 1, len(times) - 1
+        times, lag_s, limit_mm, exp = self._times, self.lag_s, self.limit_mm, math.exp
+        i, newest, until_s = -1, len(times) - 1, -math.inf
+        travel = behind_mm = commanded = 0.0
         found: list[float] = []
         for time_s in times_s:
-            while i < newest and times[i + 1] <= time_s:
-                i += 1
-            travel, speed, commanded = knots[i]
+            if time_s >= until_s:
+                i = bisect_right(times, time_s, max(i, 0)) - 1
+                until_s = times[i + 1] if i < newest else math.inf
+                travel, speed, commanded = self._knots[i]
+                behind_mm = (speed - commanded) * lag_s
+            reached = travel
             if i:
                 elapsed = time_s - times[i]
-                decay = math.exp(-elapsed / lag_s)
-                travel += commanded * elapsed + (speed - commanded) * lag_s * (1.0 - decay)
-            if abs(travel) > limit_mm:
-                travel = math.copysign(limit_mm, travel)
-            found.append(travel)
+                reached += commanded * elapsed + behind_mm * (1.0 - exp(-elapsed / lag_s))
+            if abs(reached) > limit_mm:
+                reached = math.copysign(limit_mm, reached)
+            found.append(reached)
         return found
 
     def _state(self, time_s: float) -> tuple[float, float]:

@@ -1,6 +1,7 @@
 """Virtual force sensor: gravity, contact force, offset, drift, noise and quantisation."""
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 
@@ -94,8 +95,7 @@ class VirtualForceSensor:
     def _wrench(self, now_s: float) -> Floats:
         looks = round((now_s - max(self._until_s, now_s - LONGEST_S)) / INNER_S)
         if looks > 0:
-            times = now_s - INNER_S * np.arange(looks - 1.0, -0.5, -1.0)
-            self._spring.advance(self._depths_mm(times))
+            self._spring.advance(self._depths_mm(now_s - _ago_s(looks)))
             self._until_s = now_s
         rotation = self._robot_model.rotation(self._q_at(now_s))
         weight = self.mass_kg * (rotation.T @ GRAVITY_BASE)
@@ -103,3 +103,9 @@ class VirtualForceSensor:
         torque = self._by_weight @ weight + self._by_touch @ touch
         drift = self._drift * now_s / 60.0
         return np.concatenate((weight + touch + drift, torque)) + self.offset
+
+
+@lru_cache(maxsize=64)  # every step of a control loop has as many looks
+def _ago_s(looks: int) -> Floats:
+    """Return how long ago (n,) each of n looks at the spring was, the last one now."""
+    return readonly(INNER_S * np.arange(looks - 1.0, -0.5, -1.0))
