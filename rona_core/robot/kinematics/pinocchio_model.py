@@ -47,7 +47,7 @@ class PinocchioArm:
         for i, q in enumerate(qs_rad):
             pin.framesForwardKinematics(self._model, self._data, q)
             placements[i] = placement.homogeneous[:3]
-        return Poses(placements[:, :, :3], placements[:, :, 3] * MM_PER_M)
+        return Poses.unchecked(placements[:, :, :3], placements[:, :, 3] * MM_PER_M)
 
     def joint_axes(self, qs_rad: Floats) -> tuple[Floats, Floats]:
         """Return directions and origins (n, 6, 3) of all joint axes in ``base``, origins in mm."""
