@@ -182,6 +182,9 @@ class CollisionWorld:
         if frames is not None and len(qs) >= FEW:
             near = self._bounds_mm(qs)[0] <= self.least_mm
             pairs = np.flatnonzero(near.any(axis=0))
+            kept_mm = self._planes.between_balls_mm(*frames, pairs) - SLACK_MM
+            near[:, pairs] &= kept_mm <= self.least_mm[pairs]
+            pairs = np.flatnonzero(near.any(axis=0))
             normals = self._bodies.normals_base(pairs)
             kept_mm = self._planes.bounds_mm(*frames, pairs, normals) - SLACK_MM
             near[:, pairs] &= ~(kept_mm > self.least_mm[pairs])

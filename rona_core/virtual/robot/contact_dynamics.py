@@ -42,7 +42,13 @@ class LaggingAxis:
 
     def travel_mm(self, time_s: float) -> float:
         """Return the correction at some time, kept within the limit."""
-        return max(-self.limit_mm, min(self.limit_mm, self._state(time_s)[0]))
+        i = bisect_right(self._times, time_s) - 1
+        travel, speed, commanded = self._knots[i]
+        if i:
+            elapsed = time_s - self._times[i]
+            decay = math.exp(-elapsed / self.lag_s)
+            travel += commanded * elapsed + (speed - commanded) * self.lag_s * (1.0 - decay)
+        return max(-self.limit_mm, min(self.limit_mm, travel))
 
     def travels_mm(self, times_s: Sequence[float]) -> list[float]:
         """Return ``travel_mm`` at ascending times, at least one.
@@ -104,10 +110,14 @@ class ContactSpring:
 
         Negative depths are gaps.
         """
-        before = np.concatenate(([max(self._last_mm, pressed_mm[0] - 1.0)], pressed_mm[:-1]))
-        rate = (pressed_mm - before) / INNER_S
-        force = self.stiffness_n_per_mm * (pressed_mm + self._damping_s * rate)
-        force = np.where(pressed_mm > 0.0, np.maximum(force, 0.0), 0.0)
+        force = pressed_mm.copy()  # in place: stiffness times depth and damping times its rate
+        force[1:] -= pressed_mm[:-1]
+        force[0] -= max(self._last_mm, pressed_mm[0] - 1.0)
+        force /= INNER_S
+        force *= self._damping_s
+        force += pressed_mm
+        force *= self.stiffness_n_per_mm
+        force = np.where(pressed_mm > 0.0, np.maximum(force, 0.0, out=force), 0.0)
         n = len(force)
         if n != len(self._weights):  # every step of a control loop has as many looks
             self._weights = (1.0 - self._keep) * self._keep ** np.arange(n - 1, -1, -1)

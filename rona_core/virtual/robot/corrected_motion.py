@@ -48,14 +48,17 @@ class CorrectedMotion:
 
     def reached_s(self, time_s: float) -> float:
         """Return the time of the motion that has been reached at some time of the capture."""
-        time_s = self._until(time_s)
-        i = max(bisect_right(self._knot_times, time_s) - 1, 0)
-        since_s, reached_s, share = self._knots[i]
+        if time_s > self.stopped_s or time_s == math.inf:
+            time_s = self._until(time_s)
+        i = bisect_right(self._knot_times, time_s) - 1
+        since_s, reached_s, share = self._knots[i] if i > 0 else self._knots[0]
         return min(reached_s + share * max(time_s - since_s, 0.0), self._end_s)
 
     def travel_mm(self, time_s: float) -> float:
         """Return the correction at some time of the capture."""
-        return self._axis.travel_mm(self._until(time_s))
+        if time_s > self.stopped_s or time_s == math.inf:
+            time_s = self._until(time_s)
+        return self._axis.travel_mm(time_s)
 
     def looks(self, times_s: Floats) -> tuple[Floats, Floats]:
         """Return ``reached_s`` and ``travel_mm`` (n,) at ascending times (n,) of the capture."""

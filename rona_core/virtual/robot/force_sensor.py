@@ -85,7 +85,10 @@ class VirtualForceSensor:
         random = self._noise.at(round(now_s * MICROSECONDS))
         true += NOISE * random.standard_normal(6)
         ranges, steps = self._ranges, self._steps
-        shown = np.minimum(np.maximum(np.rint(true / steps) * steps, -ranges), ranges)
+        shown = true / steps
+        np.rint(shown, out=shown)
+        shown *= steps
+        np.minimum(np.maximum(shown, -ranges, out=shown), ranges, out=shown)
         return WrenchSample(now_s, readonly(shown), bool((np.abs(true) >= ranges).any()))
 
     def close(self) -> None:
