@@ -183,7 +183,7 @@ class CollisionWorld:
             near = self._bounds_mm(qs)[0] <= self.least_mm
             pairs = np.flatnonzero(near.any(axis=0))
             kept_mm = self._planes.between_balls_mm(*frames, pairs) - SLACK_MM
-            near[:, pairs] &= kept_mm <= self.least_mm[pairs]
+            near[:, pairs] &= (kept_mm <= self.least_mm[pairs, None]).T
             pairs = np.flatnonzero(near.any(axis=0))
             normals = self._bodies.normals_base(pairs)
             kept_mm = self._planes.bounds_mm(*frames, pairs, normals) - SLACK_MM
