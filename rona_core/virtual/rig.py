@@ -30,7 +30,7 @@ from rona_core.virtual.robot.seated_motion import Seated, seated_postures
 from rona_core.virtual.robot.taught_landmarks import teach_landmarks
 from rona_core.virtual.scene import VirtualScene
 from rona_core.virtual.tracker.live_tracker import VirtualLiveTracker
-from rona_core.virtual.tracker.occlusion import LinesOfSight
+from rona_core.virtual.tracker.occlusion import LinesOfSight, Sight
 from rona_core.virtual.tracker.tracker import VirtualTracker
 from rona_core.virtual.true_tool_poses import MovingTools
 from rona_core.virtual.world.world import NOMINAL, World
@@ -249,9 +249,9 @@ class VirtualRig:
         """Return the true poses (n,) of a tool before the tracker, None if it is not there."""
         return self._tools.Ts_tracker_marker(tool, times_s)
 
-    def clear(self, tool: str, Ts_tracker_marker: Poses, times_s: Floats) -> Bools:
-        """Return which markers (n, m) of a tool at its true poses both cameras see."""
-        return self._sight.clear(tool, Ts_tracker_marker, times_s)
+    def sight(self, times_s: Floats) -> Sight:
+        """Return what tells which markers (n, m) of a tool at its true poses both cameras see."""
+        return self._sight.at(times_s)
 
     def motion_key(self) -> Hashable | None:
         """Return what decides all motion to come, None while it answers to what happens."""
@@ -259,7 +259,7 @@ class VirtualRig:
         return None if robot is None or isinstance(hand, ManualPivot) else (robot, hand)
 
     def _clear_now(self, tool: str, Ts_tracker_marker: Poses) -> Bools:
-        return self.clear(tool, Ts_tracker_marker, self._now_s())
+        return self.sight(self._now_s())(tool, Ts_tracker_marker)
 
     def _now_s(self) -> Floats:
         return np.array([self.clock.now()])

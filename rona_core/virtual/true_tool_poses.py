@@ -22,6 +22,11 @@ def error_keys(times_s: Floats) -> Ints:
     return np.asarray(times_s // REPEAT_S).astype(np.int64)
 
 
+def error_key(time_s: float) -> int:
+    """Return that of one time: a contact loop asks every step."""
+    return int(time_s // REPEAT_S)
+
+
 class MovingTools:
     """True poses as functions of the time of one capture."""
 
@@ -69,13 +74,14 @@ class MovingTools:
         shifts = self._scene.head_shift_base(self._ordinal, times_s)
         if not shifts.any():
             return self._T_skull_base @ poses_base
-        return self._T_skull_base @ Poses(poses_base.rotations, poses_base.translations - shifts)
+        moved = poses_base.translations - shifts
+        return self._T_skull_base @ Poses.unchecked(poses_base.rotations, moved)
 
     def _Ts_base_headmarker(self, times_s: Floats) -> Poses:  # noqa: N802 (frame grammar)
         """Return the poses (n,) of the marker on the head, which goes with it."""
         rest = self._scene.T_base_headmarker.repeated(len(times_s))
         shifts = self._scene.head_shift_base(self._ordinal, times_s)
-        return Poses(rest.rotations, rest.translations + shifts)
+        return Poses.unchecked(rest.rotations, rest.translations + shifts)
 
     def Ts_tracker_marker(self, tool: str, times_s: Floats) -> Poses | None:  # noqa: N802
         """Return the true poses (n,) of a tool's marker before the tracker, None if not there."""

@@ -111,12 +111,15 @@ class ScriptedWorld:
         poses = [self.true_pose(tool, float(time_s)) for time_s in times_s]
         return None if poses[0] is None else Poses.stack(poses)
 
-    def clear(self, tool, Ts_tracker_marker, times_s):
-        if self.hidden_by is None:
-            markers = len(GEOMETRIES[tool].positions_marker)
-            return np.ones((len(times_s), markers), dtype=bool)
-        looks = zip(Ts_tracker_marker, times_s, strict=True)
-        return np.stack([self.hidden_by(tool, pose, float(time_s)) for pose, time_s in looks])
+    def sight(self, times_s):
+        def clear(tool, Ts_tracker_marker):
+            if self.hidden_by is None:
+                markers = len(GEOMETRIES[tool].positions_marker)
+                return np.ones((len(times_s), markers), dtype=bool)
+            looks = zip(Ts_tracker_marker, times_s, strict=True)
+            return np.stack([self.hidden_by(tool, pose, float(time_s)) for pose, time_s in looks])
+
+        return clear
 
     def motion_key(self):
         return self.changes if self.foreseen else None

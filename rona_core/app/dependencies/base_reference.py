@@ -11,6 +11,7 @@ from rona_core.calibration.hand_eye.base_marker import (
     MIN_FRAMES,
     BaseReference,
     Movement,
+    SeenBase,
     detect_tracker_movement,
     mean_base,
     point_sigmas_mm,
@@ -23,7 +24,7 @@ from rona_core.devices.settings import TrackerSettings
 from rona_core.devices.tracker_volumes import FIELD_MM
 from rona_core.errors import RonaError, StaleResultError, StepBlockedError
 from rona_core.geometry.arrays import Floats, as_points
-from rona_core.geometry.pose import Pose
+from rona_core.geometry.pose import Pose, Poses
 from rona_core.session.captures import PointerCapture, SonoCapture, is_imported
 from rona_core.session.document import Session
 from rona_core.session.memo import remember
@@ -50,11 +51,17 @@ class TrackerReference:
         return point_sigmas_mm(self.T_base_tracker, self.covariance, as_points(points_base))
 
 
+@remember(16)  # each session that holds a capture asks for it anew
+def seen_base(Ts_tracker_basemarker: Poses) -> SeenBase:
+    """Return the mean of a base marker that stood still, as ``mean_base`` does."""
+    return mean_base(Ts_tracker_basemarker)
+
+
 def base_reference(track: ToolTrack | None, T_base_tracker: Pose) -> BaseReference | None:
     """Return what the registration remembers of the base marker; None if it was not seen."""
     if track is None or len(track.times_s) < MIN_FRAMES:
         return None
-    seen = mean_base(track.Ts_tracker_marker)
+    seen = seen_base(track.Ts_tracker_marker)
     return BaseReference(T_base_tracker @ seen.T_tracker_basemarker, seen)
 
 
@@ -76,7 +83,7 @@ def reference_of(session: Session, capture: PointerCapture | SonoCapture) -> Tra
                 "and record the stroke again, or register again"
             )
         return _as_registered(tool, "unchecked", None, f"Nobody knows if it moved: {unseen}.")
-    now = mean_base(track.Ts_tracker_marker)
+    now = seen_base(track.Ts_tracker_marker)
     movement = detect_tracker_movement(registered.seen, now)
     if not movement.moved:
         return _as_registered(
@@ -127,7 +134,7 @@ def _has_moved(tool: ToolRegistration, capture: PointerCapture | SonoCapture) ->
     """Return whether the base marker shows that the tracker stood elsewhere in a capture."""
     if tool.base is None or capture.base is None or _unseen(tool, capture) is not None:
         return False
-    return detect_tracker_movement(tool.base.seen, mean_base(capture.base.Ts_tracker_marker)).moved
+    return detect_tracker_movement(tool.base.seen, seen_base(capture.base.Ts_tracker_marker)).moved
 
 
 def weakest_reference(

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from rona_core.app.declarations.declarations import Input
-from rona_core.app.dependencies.base_reference import found_again, reference_of
-from rona_core.calibration.hand_eye.base_marker import detect_tracker_movement, mean_base
+from rona_core.app.dependencies.base_reference import found_again, reference_of, seen_base
+from rona_core.calibration.hand_eye.base_marker import detect_tracker_movement
 from rona_core.calibration.hand_eye.head_motion import HeadMotion, head_motion, head_reference
 from rona_core.errors import DegenerateGeometryError, RonaError
 from rona_core.geometry.arrays import Floats
@@ -71,7 +71,7 @@ def _tracker_moved(first: PointerCapture, capture: Watched) -> str | None:
     if first.base is None or capture.base is None:
         return "the base marker was not recorded"
     try:
-        seen = [mean_base(track.Ts_tracker_marker) for track in (first.base, capture.base)]
+        seen = [seen_base(track.Ts_tracker_marker) for track in (first.base, capture.base)]
     except DegenerateGeometryError as error:
         return str(error)
     if detect_tracker_movement(*seen).moved:

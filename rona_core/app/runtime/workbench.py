@@ -21,6 +21,7 @@ from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.requirements import require_for
 from rona_core.app.messages.exact_types import require_exact
 from rona_core.app.messages.message import Answer
+from rona_core.app.runtime.free_memory import release_memory
 from rona_core.app.runtime.jobs import Ended, Jobs, JobStatus
 from rona_core.app.runtime.process_pool import use_one_thread
 from rona_core.app.runtime.store import Change, Store
@@ -273,6 +274,7 @@ class Workbench:
         seen = (session.setup, session.captures, session.results)
 
         def judge() -> Figures:
+            release_memory()
             return evaluate(session, self.rig())
 
         # while devices are busy they may be those of an earlier set-up

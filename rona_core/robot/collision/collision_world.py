@@ -121,12 +121,13 @@ class CollisionWorld:
     def clear(self, qs_rad: ArrayLike) -> Bools:
         """Return at which joint angles (n, 6) everything keeps its distance, (n,)."""
         qs = as_joints(qs_rad)
-        return ~np.fromiter(self._too_close(qs), dtype=np.bool_, count=len(qs))
+        clear = np.ones(len(qs), dtype=np.bool_)
+        clear[list(self._too_close(qs))] = False
+        return clear
 
     def first_hit(self, qs_rad: ArrayLike) -> int:
         """Return the first of joint angles (n, 6) at which anything is too close, -1 for none."""
-        hits = enumerate(self._too_close(as_joints(qs_rad)))
-        return next((place for place, hit in hits if hit), -1)
+        return next(self._too_close(as_joints(qs_rad)), -1)
 
     def distances_mm(self, qs_rad: ArrayLike) -> Floats:
         """Return the distance of every pair (n, p) at joint angles (n, 6)."""
@@ -158,30 +159,39 @@ class CollisionWorld:
                 found[i, decisive] = self._bodies.distances_mm(q)
         return np.round(found, ROUNDED, out=found)
 
-    def _too_close(self, qs: Floats) -> Iterator[bool]:
-        """Tell of each of joint angles (n, 6) in turn whether anything comes too close."""
+    def _too_close(self, qs: Floats) -> Iterator[int]:
+        """Yield at which of joint angles (n, 6) anything comes too close, in their order."""
         for start in range(0, len(qs), TOGETHER):
             some = qs[start : start + TOGETHER]
             frames = self._arm.link_frames(some) if len(some) >= FEW else None
             for first in range(0, len(some), STRETCH):
                 block = slice(first, first + STRETCH)
-                yield from self._meet(some[block], frames and (frames[0][block], frames[1][block]))
+                near = self._near(some[block], frames and (frames[0][block], frames[1][block]))
+                for place in near.tolist():
+                    if self._bodies.meets(some[first + place]):
+                        yield start + first + place
 
-    def _meet(self, qs: Floats, frames: tuple[Floats, Floats] | None) -> Iterator[bool]:
-        """Tell it of joint angles (n, 6) near each other, with the frames of the links there."""
+    def _near(self, qs: Floats, frames: tuple[Floats, Floats] | None) -> Ints:
+        """Choose the pairs that may come too close, and return at which places (k,) one may.
+
+        Args:
+            qs: Joint angles (n, 6) near each other.
+            frames: Of the links there; None: not known.
+        """
         near: Bools = np.ones((len(qs), len(self.pairs)), dtype=np.bool_)
         if frames is not None and len(qs) >= FEW:
             near = self._bounds_mm(qs)[0] <= self.least_mm
+            pairs = np.flatnonzero(near.any(axis=0))
+            kept_mm = self._planes.between_balls_mm(*frames, pairs) - SLACK_MM
+            near[:, pairs] &= (kept_mm <= self.least_mm[pairs, None]).T
             pairs = np.flatnonzero(near.any(axis=0))
             normals = self._bodies.normals_base(pairs)
             kept_mm = self._planes.bounds_mm(*frames, pairs, normals) - SLACK_MM
             near[:, pairs] &= ~(kept_mm > self.least_mm[pairs])
         of_pair: Bools = np.any(near, axis=0)
-        of_place: Bools = np.any(near, axis=1)
         if of_pair.any():
             self._bodies.choose(of_pair)
-        for q, looked_at in zip(qs, of_place.tolist(), strict=True):
-            yield looked_at and self._bodies.meets(q)
+        return np.flatnonzero(near.any(axis=1))
 
     def _bounds_mm(self, qs: Floats) -> tuple[Floats, Floats]:
         """Return bounds (n, p) of the distance of every pair, from that at the middle one of n."""

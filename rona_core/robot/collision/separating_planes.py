@@ -1,4 +1,4 @@
-"""Least distances of convex bodies, from planes that separated them at a place near by.
+"""Least distances of convex bodies: from balls, and from planes that part them near by.
 
 Two convex bodies are as far apart as the widest gap that a plane with any normal leaves between
 them (Gilbert 1988). So every normal tells a distance that they keep at least, and the one that is
@@ -35,6 +35,32 @@ class SeparatingPlanes:
         self._links: Ints = np.array([[links[name] for name in end] for end in ends], np.int64)
         self._corners = [[corners[name][0] for name in end] for end in ends]
         self._rounding_mm = np.array([[corners[name][1] for name in end] for end in ends])
+        names = list(corners)
+        balls = [_ball(points) for points, _ in corners.values()]
+        self._ball_links = np.array([links[name] for name in names], np.int64)
+        self._centers = np.array([center for center, _ in balls])
+        self._balls = np.array([[names.index(name) for name in end] for end in ends], np.int64)
+        radii_mm = np.array([radius_mm for _, radius_mm in balls])
+        self._reach_mm = (radii_mm[self._balls] + self._rounding_mm).sum(axis=0)
+
+    def between_balls_mm(self, rotations: Floats, places: Floats, chosen: Ints) -> Floats:
+        """Return what some pairs keep apart at least by balls about them, (k, n).
+
+        Quicker than ``bounds_mm``, and enough for most.
+
+        Args:
+            rotations: Of the link frames, (n, 7, 3, 3).
+            places: Of the link frames, (n, 7, 3) in ``base``.
+            chosen: Which pairs, (k,).
+        """
+        # the n come last: loops over three numbers are slow
+        axes = np.ascontiguousarray(rotations.transpose(3, 2, 1, 0))
+        centers = np.ascontiguousarray(places.transpose(2, 1, 0))[:, self._ball_links]
+        for axis, along_mm in zip(axes, self._centers.T, strict=True):
+            centers += axis[:, self._ball_links] * along_mm[:, None]
+        first, second = self._balls[:, chosen]
+        off = centers[:, second] - centers[:, first]
+        return np.sqrt(off[0] ** 2 + off[1] ** 2 + off[2] ** 2) - self._reach_mm[chosen, None]
 
     def bounds_mm(
         self, rotations: Floats, places: Floats, chosen: Ints, normals_base: Floats
@@ -59,6 +85,12 @@ class SeparatingPlanes:
             behind[row] = (self._corners[1][pair] @ own[row]).min()
         apart = np.einsum("nki,nki->nk", normals, places[:, second] - places[:, first])
         return apart + behind - before.T - self._rounding_mm[:, chosen].sum(axis=0)
+
+
+def _ball(points: Floats) -> tuple[Floats, float]:
+    """Return the centre (3,) and the radius of a ball about points (n, 3)."""
+    center = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    return center, float(np.linalg.norm(points - center, axis=1).max())
 
 
 def _corners(thing: Obstacle) -> tuple[Floats, float]:

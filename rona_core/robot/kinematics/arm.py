@@ -142,10 +142,11 @@ def about_y(angles_rad: Floats) -> Floats:
 
 
 def alternating_turns(angles_rad: Floats) -> Floats:
-    """Return the rotation (3, 3) of turns (k,) about z and y in alternation, about z first."""
-    rows: list[float] = []  # of all matrices: for one posture quicker than filling arrays
-    turns = zip(np.cos(angles_rad).tolist(), np.sin(angles_rad).tolist(), strict=True)
-    for i, (c, s) in enumerate(turns):
+    """Return the rotation (3, 3) of turns (k,), k >= 2, about z and y in turn, z first."""
+    (a, b, *cosines), (p, q, *sines) = np.cos(angles_rad).tolist(), np.sin(angles_rad).tolist()
+    # the product of the first two, then one matrix each: for one posture quicker than arrays
+    rows = [a * b, -p, a * q, p * b, a, p * q, -q, 0.0, b]
+    for i, (c, s) in enumerate(zip(cosines, sines, strict=True)):
         about_y = (c, 0.0, s, 0.0, 1.0, 0.0, -s, 0.0, c)
         rows += about_y if i % 2 else (c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0)
     return reduce(np.dot, np.array(rows).reshape(-1, 3, 3))

@@ -43,11 +43,18 @@ class PinocchioArm:
 
     def forward(self, qs_rad: Floats) -> Poses:
         """Return ``Ts_base_flange`` for joint angles (n, 6) in radians."""
-        placement, placements = self._data.oMf[self._flange], np.zeros((len(qs_rad), 3, 4))
-        for i, q in enumerate(qs_rad):
-            pin.framesForwardKinematics(self._model, self._data, q)
-            placements[i] = placement.homogeneous[:3]
-        return Poses(placements[:, :, :3], placements[:, :, 3] * MM_PER_M)
+        placement, n = self._data.oMf[self._flange], len(qs_rad)
+        rotations, translations = np.zeros((n, 3, 3)), np.zeros((n, 3))
+        for start in range(0, n, BLOCK):
+            some = qs_rad[start : start + BLOCK]
+            placements = np.zeros((len(some), 3, 4))
+            for i, q in enumerate(some):
+                pin.framesForwardKinematics(self._model, self._data, q)
+                placements[i] = placement.homogeneous[:3]
+            rotations[start : start + BLOCK] = placements[:, :, :3]
+            translations[start : start + BLOCK] = placements[:, :, 3]
+        translations *= MM_PER_M
+        return Poses.unchecked(rotations, translations)
 
     def joint_axes(self, qs_rad: Floats) -> tuple[Floats, Floats]:
         """Return directions and origins (n, 6, 3) of all joint axes in ``base``, origins in mm."""

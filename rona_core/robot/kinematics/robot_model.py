@@ -95,10 +95,11 @@ class RobotModel:
         """
         found = [q_start_rad]
         solutions = self.inverse(Ts_base_flange)
-        for qs, valid in zip(solutions.qs_rad, solutions.valid, strict=True):
+        for qs, out_of_reach in zip(solutions.qs_rad, ~solutions.valid, strict=True):
             steps = wrapped(qs - found[-1])
-            sizes = np.where(valid, np.abs(steps).max(axis=1), np.inf)
-            nearest = int(np.argmin(sizes))
+            sizes = np.maximum.reduce(np.abs(steps), axis=1)
+            sizes[out_of_reach] = np.inf
+            nearest = int(sizes.argmin())
             q = found[-1] + steps[nearest]
             if sizes[nearest] > largest_step_rad or self.limits.clearance_rad(q).min() < 0.0:
                 break

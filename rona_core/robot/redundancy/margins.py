@@ -6,6 +6,7 @@ docs/algorithms/robot/roll_search.md.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -148,6 +149,7 @@ def flange_poses(parts: Floats, rolls_rad: Floats) -> Poses:
     return as_poses(parts[0] * c + parts[1] * s + parts[2])
 
 
+@lru_cache(maxsize=1)  # a path is solved for one group of rolls after the other
 def flange_parts(path: Path5D, model: RobotModel) -> Floats:
     """Return three parts (3, n, 12) of the flange poses: times cos roll, times sin roll, fixed.
 
@@ -156,12 +158,16 @@ def flange_parts(path: Path5D, model: RobotModel) -> Floats:
     T_probe_flange = model.T_flange_probe.inv()
     frames = path.Ts_base_probe(0.0).rotations
     tool = np.hstack((T_probe_flange.rotation, T_probe_flange.translation[:, None]))  # (3, 4)
+    parts = np.zeros((3, len(frames), 12))
     x, y, z = (frames[:, :, i, None] for i in range(3))
-    turned = x * tool[0] + y * tool[1], y * tool[0] - x * tool[1], z * tool[2]  # (n, 3, 4) each
-    parts = np.stack(turned)
-    parts[2, :, :, 3] += path.points_base
-    whole = (parts[..., :3].reshape(3, -1, 9), parts[..., 3])
-    return np.concatenate(whole, axis=2)
+    for some, rows in ((slice(3), slice(9)), (slice(3, 4), slice(9, 12))):
+        a, b, c = tool[:, some]
+        kept = parts[:, :, rows].reshape(3, -1, 3, len(a))  # what is written here is written there
+        np.add(x * a, y * b, out=kept[0])
+        np.subtract(y * a, x * b, out=kept[1])
+        np.multiply(z, c, out=kept[2])
+    parts[2, :, 9:] += path.points_base
+    return readonly(parts)
 
 
 def as_poses(rows: Floats) -> Poses:

@@ -22,6 +22,7 @@ from rona_core.virtual.acoustics.microstructure import (
 )
 
 SPECKLE_CELLS = 54  # of diploe, 8 mm deep
+AT_ONCE = 4  # profiles that are worked on together: arrays of more leave the cache
 GAP_LIMIT_MM = 4.0  # a ray further than this from the bone is lost
 Phasors = NDArray[np.complexfloating]
 There = Callable[[Floats], Phasors]  # distances (n,) to exp(-2 j k d), shape (n, f)
@@ -42,9 +43,9 @@ class LayerProfile:
 
 
 def echo_bands(
-    weights: Phasors, line: Phasors, gel: Phasors, bone: Phasors, face: Phasors
+    weights: Phasors, line: Phasors, gel: Phasors, bone: Phasors, face: Phasors, count: int = 1
 ) -> Phasors:
-    """Return the echo (f,): rays (n, f) with a phase in line and gel, bone behind them, added.
+    """Return k echoes (k, f): rays (k n, f) with a phase in line and gel, bone behind them, added.
 
     Args:
         weights: Area times squared incident field.
@@ -52,6 +53,7 @@ def echo_bands(
         gel: exp(-2 j k d) for the gap filled with gel.
         bone: Reflection of the bone seen from the gel.
         face: Reflection (f,) of the step from line to gel.
+        count: How many echoes, k, of n rays each.
     """
     behind = gel * bone
     below = face * behind
@@ -59,7 +61,9 @@ def echo_bands(
     np.multiply(1.0 - face**2, behind, out=behind)
     seen = quotient(behind, below)
     seen += face
-    return np.sum(weights * line * seen, 0)
+    waves = weights * line
+    waves *= seen
+    return np.sum(waves.reshape(count, -1, waves.shape[1]), 1)
 
 
 def quotient(above: Phasors, below: Phasors) -> Phasors:
@@ -88,10 +92,14 @@ def there_and_back(k_per_mm: Complexes, exact: bool) -> There:
         distance = distances_mm.astype(np.float32)[:, None]
         angle = distance * turn
         result = np.zeros(angle.shape, dtype=np.complex64)
-        np.cos(angle, out=result.real)
-        np.sin(angle, out=result.imag)
-        if not lossless:
-            result *= np.exp(np.multiply(distance, fade, out=angle), out=angle)
+        if lossless:
+            np.cos(angle, out=result.real)
+            np.sin(angle, out=result.imag)
+            return result
+        faded = distance * fade
+        np.exp(faded, out=faded)
+        np.multiply(np.cos(angle), faded, out=result.real)
+        np.multiply(np.sin(angle, out=angle), faded, out=result.imag)
         return result
 
     return fast
@@ -184,7 +192,7 @@ class BoneStack:
         """Return the echo (f,) of endless bone, perpendicular, behind the film of gel."""
         film = np.full(1, self.film_mm)
         bone = self._outer.near[None, :]
-        return echo_bands(weights, self._line(-film), self._gel(film), bone, self._face)
+        return echo_bands(weights, self._line(-film), self._gel(film), bone, self._face)[0]
 
     def echo(self, weights: Phasors, profile: LayerProfile) -> Phasors:
         """Return the echo (f,) of the layers under rays of these weights (n, f)."""
@@ -193,8 +201,10 @@ class BoneStack:
     def echoes(self, weights: Phasors, profiles: Sequence[LayerProfile]) -> Iterator[Phasors]:
         """Yield the echo (f,) of each profile under rays of these weights (n, f)."""
         rays, n = self._rays(profiles), len(weights)
-        for start in range(0, n * len(profiles), n):
-            yield self._echo(weights, rays.part(slice(start, start + n)))
+        for start in range(0, len(profiles), AT_ONCE):
+            count = min(AT_ONCE, len(profiles) - start)
+            some = rays.part(slice(n * start, n * (start + count)))
+            yield from self._echoes(np.tile(weights, (count, 1)), some, count)
 
     def _rays(self, profiles: Sequence[LayerProfile]) -> _Rays:
         """Return what the rays (m,) of all profiles meet, as rough and slow as the bone is."""
@@ -235,7 +245,8 @@ class BoneStack:
             kept=np.concatenate([profile.hit for profile in profiles]) & (outer < GAP_LIMIT_MM),
         )
 
-    def _echo(self, weights: Phasors, rays: _Rays) -> Phasors:
+    def _echoes(self, weights: Phasors, rays: _Rays, count: int) -> Phasors:
+        """Return the echoes (k, f) of k profiles under all their rays (k n)."""
         bone = self._inner * self._table(rays.inner_table_mm)
         bone *= rays.back[:, None]
         bone = self._into_table.seen_with(bone)
@@ -255,4 +266,4 @@ class BoneStack:
         line = self._line(rays.outer_mm - rays.gel_mm)  # <= 0: the line gives way
         pressed = bool((rays.gel_mm == self.film_mm).all())  # then all rays cross the same film
         gel = self._gel(rays.gel_mm[:1] if pressed else rays.gel_mm)
-        return echo_bands(weights, line, gel, bone, self._face)
+        return echo_bands(weights, line, gel, bone, self._face, count)

@@ -134,10 +134,14 @@ class VirtualProbe:
         for time_s, rf in zip(fired_s, self._noiseless(np.array(fired_s)), strict=True):
             index = round(time_s * MICROSECONDS)
             random = np.random.default_rng((self._seed, PROBE_STREAM, self._ordinal, index))
-            rf = np.rint((rf + random.normal(0.0, self._noise, len(rf))) * steps) / steps
-            clipped = bool(np.abs(rf).max() >= 1.0)
-            rf = readonly(np.clip(rf, -1.0, 1.0 - 1.0 / steps))
-            scans.append(AScan(time_s, rf, model.sampling_mhz, model.start_us, clipped))
+            rf = rf + random.normal(0.0, self._noise, len(rf))
+            rf *= steps
+            np.rint(rf, out=rf)
+            rf /= steps
+            clipped = bool(rf.max() >= 1.0 or rf.min() <= -1.0)
+            if clipped:
+                np.clip(rf, -1.0, 1.0 - 1.0 / steps, out=rf)
+            scans.append(AScan(time_s, readonly(rf), model.sampling_mhz, model.start_us, clipped))
         return scans
 
     def _noiseless(self, times_s: Floats) -> Floats:

@@ -7,6 +7,7 @@ from rona_core.geometry.pose import Pose
 from rona_core.virtual.specimen.boundaries import Specimen
 
 CELL_MM = 0.2
+AT_ONCE = 2048  # rays that are traced at a time: those of a whole bed take much memory
 ABOVE_MM = 20.0  # above z = 0 of the bed, where rays at the bone start
 
 
@@ -25,9 +26,10 @@ class LeftBone:
         count = int(np.ceil(half_mm / CELL_MM))
         self.x_mm = self.y_mm = CELL_MM * np.arange(-count, count + 1.0)
         x, y = np.meshgrid(self.x_mm, self.y_mm, indexing="ij")
-        starts = np.column_stack((x.ravel(), y.ravel(), np.full(x.size, ABOVE_MM)))
+        starts = T_skull_bed @ np.column_stack((x.ravel(), y.ravel(), np.full(x.size, ABOVE_MM)))
         down = T_skull_bed.rotate(np.tile((0.0, 0.0, -1.0), (x.size, 1)))
-        found = specimen.layers(T_skull_bed @ starts, down)
+        blocks = [slice(start, start + AT_ONCE) for start in range(0, x.size, AT_ONCE)]
+        found = np.concatenate([specimen.layers(starts[some], down[some]) for some in blocks])
         # where a ray misses a boundary there is no bone: nothing to cut, nothing to break through
         heights = np.where(np.isfinite(found), ABOVE_MM - found, -np.inf).T.reshape(4, *x.shape)
         self.top_mm: Floats = heights[0].copy()

@@ -89,7 +89,7 @@ class RobotError:
         systematic_mm, turns_rad = self._systematic(positions, qs_rad)
         if turns_rad is not None:
             rotations = rotations @ Rotation.from_rotvec(turns_rad).as_matrix()
-        return Poses(
+        return Poses.unchecked(
             rotations @ Ts_base_tip_nominal.rotations,
             positions + systematic_mm + shifts[of_row],
         )

@@ -12,7 +12,7 @@ from rona_core.geometry.pose import Poses
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.virtual.robot.corrected_motion import CorrectedMotion
 from rona_core.virtual.scene import VirtualScene
-from rona_core.virtual.true_tool_poses import error_keys
+from rona_core.virtual.true_tool_poses import error_key
 
 BEFORE_MM = 60.0  # rays start this far before the face
 FAR_MM = 1e3  # depth of nothing: a gap
@@ -34,8 +34,8 @@ class ContactDepth:
             self._look_along(course)
         reached, travels = course.looks(times_s)
         gaps = np.interp(reached, course.motion_times_s, self._gaps_mm)
-        axis = self._axes_base[int(np.searchsorted(course.motion_times_s, reached[-1]))]
-        key = int(error_keys(times_s[-1]))
+        axis = self._axes_base[course.place_of(float(reached[-1]))]
+        key = error_key(float(times_s[-1]))
         shift = self._scene.robot_error.of_motion_mm(self._ordinal, key)
         head = self._scene.head_shift_base(self._ordinal, times_s[-1:])[0]
         return travels - gaps + float((shift - head) @ axis)

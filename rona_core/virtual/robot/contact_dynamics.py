@@ -42,27 +42,36 @@ class LaggingAxis:
 
     def travel_mm(self, time_s: float) -> float:
         """Return the correction at some time, kept within the limit."""
-        return max(-self.limit_mm, min(self.limit_mm, self._state(time_s)[0]))
+        i = bisect_right(self._times, time_s) - 1
+        travel, speed, commanded = self._knots[i]
+        if i:
+            elapsed = time_s - self._times[i]
+            decay = math.exp(-elapsed / self.lag_s)
+            travel += commanded * elapsed + (speed - commanded) * self.lag_s * (1.0 - decay)
+        return max(-self.limit_mm, min(self.limit_mm, travel))
 
     def travels_mm(self, times_s: Sequence[float]) -> list[float]:
         """Return ``travel_mm`` at ascending times, at least one.
 
         In one go, for a call takes as long as the sum.
         """
-        times, knots, lag_s, limit_mm = self._times, self._knots, self.lag_s, self.limit_mm
-        i, newest = bisect_right(times, times_s[0]) - 1, len(times) - 1
+        times, lag_s, limit_mm, exp = self._times, self.lag_s, self.limit_mm, math.exp
+        i, newest, until_s = -1, len(times) - 1, -math.inf
+        travel = behind_mm = commanded = 0.0
         found: list[float] = []
         for time_s in times_s:
-            while i < newest and times[i + 1] <= time_s:
-                i += 1
-            travel, speed, commanded = knots[i]
+            if time_s >= until_s:
+                i = bisect_right(times, time_s, max(i, 0)) - 1
+                until_s = times[i + 1] if i < newest else math.inf
+                travel, speed, commanded = self._knots[i]
+                behind_mm = (speed - commanded) * lag_s
+            reached = travel
             if i:
                 elapsed = time_s - times[i]
-                decay = math.exp(-elapsed / lag_s)
-                travel += commanded * elapsed + (speed - commanded) * lag_s * (1.0 - decay)
-            if abs(travel) > limit_mm:
-                travel = math.copysign(limit_mm, travel)
-            found.append(travel)
+                reached += commanded * elapsed + behind_mm * (1.0 - exp(-elapsed / lag_s))
+            if abs(reached) > limit_mm:
+                reached = math.copysign(limit_mm, reached)
+            found.append(reached)
         return found
 
     def _state(self, time_s: float) -> tuple[float, float]:
@@ -101,10 +110,14 @@ class ContactSpring:
 
         Negative depths are gaps.
         """
-        before = np.concatenate(([max(self._last_mm, pressed_mm[0] - 1.0)], pressed_mm[:-1]))
-        rate = (pressed_mm - before) / INNER_S
-        force = self.stiffness_n_per_mm * (pressed_mm + self._damping_s * rate)
-        force = np.where(pressed_mm > 0.0, np.maximum(force, 0.0), 0.0)
+        force = pressed_mm.copy()  # in place: stiffness times depth and damping times its rate
+        force[1:] -= pressed_mm[:-1]
+        force[0] -= max(self._last_mm, pressed_mm[0] - 1.0)
+        force /= INNER_S
+        force *= self._damping_s
+        force += pressed_mm
+        force *= self.stiffness_n_per_mm
+        force = np.where(pressed_mm > 0.0, np.maximum(force, 0.0, out=force), 0.0)
         n = len(force)
         if n != len(self._weights):  # every step of a control loop has as many looks
             self._weights = (1.0 - self._keep) * self._keep ** np.arange(n - 1, -1, -1)

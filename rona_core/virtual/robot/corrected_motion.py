@@ -1,7 +1,7 @@
 """Corrected motion of the virtual robot: a share of its speed, corrections along the tool axis."""
 
 import math
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 
 import numpy as np
 
@@ -29,6 +29,7 @@ class CorrectedMotion:
         self.guided = np.ptp(qs_rad, axis=1).max(axis=1) > 0.0  # a correction changes something
         self._axis, self._end_s = axis, float(times_s[-1])
         self._times: list[float] = times_s.tolist()
+        self._steps_rad = np.diff(qs_rad, axis=0)
         self._levels: list[float] = travels_mm.tolist()
         # of each command: when it came, what had been reached, and the share of speed from then on
         self._knots: list[tuple[float, float, float]] = [(start_s, float(times_s[0]), 0.0)]
@@ -47,28 +48,37 @@ class CorrectedMotion:
 
     def reached_s(self, time_s: float) -> float:
         """Return the time of the motion that has been reached at some time of the capture."""
-        time_s = self._until(time_s)
-        i = max(bisect_right(self._knot_times, time_s) - 1, 0)
-        since_s, reached_s, share = self._knots[i]
+        if time_s > self.stopped_s or time_s == math.inf:
+            time_s = self._until(time_s)
+        i = bisect_right(self._knot_times, time_s) - 1
+        since_s, reached_s, share = self._knots[i] if i > 0 else self._knots[0]
         return min(reached_s + share * max(time_s - since_s, 0.0), self._end_s)
 
     def travel_mm(self, time_s: float) -> float:
         """Return the correction at some time of the capture."""
-        return self._axis.travel_mm(self._until(time_s))
+        if time_s > self.stopped_s or time_s == math.inf:
+            time_s = self._until(time_s)
+        return self._axis.travel_mm(time_s)
 
     def looks(self, times_s: Floats) -> tuple[Floats, Floats]:
         """Return ``reached_s`` and ``travel_mm`` (n,) at ascending times (n,) of the capture."""
         times = np.minimum(times_s, self.stopped_s).tolist()
-        begins, knots, newest = self._knot_times, self._knots, len(self._knots) - 1
-        i = max(bisect_right(begins, times[0]) - 1, 0)
+        begins, newest = self._knot_times, len(self._knots) - 1
+        i, until_s = 0, -math.inf
+        since_s = reached_s = share = 0.0
         reached: list[float] = []
         for time_s in times:
-            while i < newest and begins[i + 1] <= time_s:
-                i += 1
-            since_s, reached_s, share = knots[i]
+            if time_s >= until_s:
+                i = max(bisect_right(begins, time_s, i) - 1, 0)
+                until_s = begins[i + 1] if i < newest else math.inf
+                since_s, reached_s, share = self._knots[i]
             ago_s = time_s - since_s
             reached.append(reached_s + share * ago_s if ago_s > 0.0 else reached_s)
         return np.minimum(reached, self._end_s), np.array(self._axis.travels_mm(times))
+
+    def place_of(self, reached_s: float) -> int:
+        """Return the first sample of the motion that is no earlier than a time of it."""
+        return bisect_left(self._times, reached_s)
 
     def _until(self, time_s: float) -> float:
         """Return a time, at latest that of the stop or of the last command."""
@@ -96,7 +106,7 @@ class CorrectedMotion:
         times, reached = self._times, self.reached_s(time_s)
         i = min(max(bisect_right(times, reached) - 1, 0), len(times) - 2)
         share = (reached - times[i]) / (times[i + 1] - times[i])
-        sheet = self.qs_rad[i] + share * (self.qs_rad[i + 1] - self.qs_rad[i])
+        sheet = self.qs_rad[i] + share * self._steps_rad[i]
         travel_mm = self.travel_mm(time_s)
         if travel_mm in self._levels:
             return sheet[self._levels.index(travel_mm)]
@@ -108,7 +118,7 @@ class CorrectedMotion:
     def end_s(self) -> float:
         """Time at which the robot comes to rest, infinite while it is open."""
         since_s, reached_s, share = self._knots[-1]
-        left_s = float(self.motion_times_s[-1]) - reached_s
+        left_s = self._end_s - reached_s
         arrival_s = since_s + left_s / share if share > 0.0 else np.inf
         return min(since_s if left_s <= 0.0 else arrival_s, self.stopped_s)
 

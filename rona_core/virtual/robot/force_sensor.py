@@ -1,6 +1,7 @@
 """Virtual force sensor: gravity, contact force, offset, drift, noise and quantisation."""
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 
@@ -84,7 +85,10 @@ class VirtualForceSensor:
         random = self._noise.at(round(now_s * MICROSECONDS))
         true += NOISE * random.standard_normal(6)
         ranges, steps = self._ranges, self._steps
-        shown = np.minimum(np.maximum(np.rint(true / steps) * steps, -ranges), ranges)
+        shown = true / steps
+        np.rint(shown, out=shown)
+        shown *= steps
+        np.minimum(np.maximum(shown, -ranges, out=shown), ranges, out=shown)
         return WrenchSample(now_s, readonly(shown), bool((np.abs(true) >= ranges).any()))
 
     def close(self) -> None:
@@ -94,8 +98,7 @@ class VirtualForceSensor:
     def _wrench(self, now_s: float) -> Floats:
         looks = round((now_s - max(self._until_s, now_s - LONGEST_S)) / INNER_S)
         if looks > 0:
-            times = now_s - INNER_S * np.arange(looks - 1.0, -0.5, -1.0)
-            self._spring.advance(self._depths_mm(times))
+            self._spring.advance(self._depths_mm(now_s - _ago_s(looks)))
             self._until_s = now_s
         rotation = self._robot_model.rotation(self._q_at(now_s))
         weight = self.mass_kg * (rotation.T @ GRAVITY_BASE)
@@ -103,3 +106,9 @@ class VirtualForceSensor:
         torque = self._by_weight @ weight + self._by_touch @ touch
         drift = self._drift * now_s / 60.0
         return np.concatenate((weight + touch + drift, torque)) + self.offset
+
+
+@lru_cache(maxsize=64)  # every step of a control loop has as many looks
+def _ago_s(looks: int) -> Floats:
+    """Return how long ago (n,) each of n looks at the spring was, the last one now."""
+    return readonly(INNER_S * np.arange(looks - 1.0, -0.5, -1.0))

@@ -19,6 +19,7 @@ SAG_RAD = 2.0e-4  # RMS of a link's turn per metre of arm that hangs on it
 BOX_MM = (400.0, 400.0, 300.0)  # around the work area, over which the error has its RMS
 TILT_RAD = 0.3  # of the tool from straight down, RMS per axis
 SAMPLES = 400
+AT_ONCE = 1024  # postures whose links are held at a time
 
 
 class JointErrors:
@@ -53,6 +54,13 @@ class JointErrors:
         Returns:
             Shifts (n, 3) in mm and rotation vectors (n, 3) in radians, in ``base``.
         """
+        found = np.zeros((2, len(qs_rad), 3))
+        for start in range(0, len(qs_rad), AT_ONCE):
+            some = slice(start, start + AT_ONCE)
+            found[:, some] = self._deviations(qs_rad[some], points_base[some])
+        return found[0], found[1]
+
+    def _deviations(self, qs_rad: Floats, points_base: Floats) -> tuple[Floats, Floats]:
         rotations, origins = self._model.arm.link_frames(qs_rad)
         rotations, origins = rotations[:, 1:], origins[:, 1:]
         turns = np.einsum("nkij,kj->nki", rotations, self._turns_rad)

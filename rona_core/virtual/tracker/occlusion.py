@@ -4,6 +4,7 @@ A marker counts only if both cameras see it, as a position takes two of them.
 """
 
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 
@@ -21,6 +22,9 @@ HAND_FROM_TIP_MM = (50.0, 110.0)  # where the hand holds a pointer, along its sh
 HAND_RADIUS_MM = 30.0
 HEAD_EDGE_MM = 3.0  # of the triangles of the head
 
+# tool, its true poses (n,) -> which of its markers (n, m) both cameras see
+Sight = Callable[[str, Poses], Bools]
+
 
 class LinesOfSight:
     """Tells which markers of a tool both cameras see."""
@@ -32,11 +36,21 @@ class LinesOfSight:
         self._scene, self._model, self._qs_at = scene, model, qs_at
         self._links = link_capsules(model)
         self._head: MeshRaycaster | None = None
-        self._newest_arm: tuple[Floats, Capsules] | None = None  # and its joint angles
 
     def clear(self, tool: str, Ts_tracker_marker: Poses, times_s: Floats) -> Bools:
         """Return which markers (n, m) of a tool at its true poses (n,) both cameras see."""
-        Ts, qs_rad = Ts_tracker_marker, self._qs_at(times_s)
+        return self.at(times_s)(tool, Ts_tracker_marker)
+
+    def at(self, times_s: Floats) -> Sight:
+        """Return what tells the same of any tool, for where the robot is at times (n,)."""
+        qs_rad = self._qs_at(times_s)
+        if _at_rest(qs_rad):
+            qs_rad = qs_rad[:1]
+        arm = cache(lambda: self._links.at(self._model, qs_rad))  # for all tools, once
+        return lambda tool, Ts_tracker_marker: self._clear(tool, Ts_tracker_marker, arm())
+
+    def _clear(self, tool: str, Ts_tracker_marker: Poses, arm: Capsules) -> Bools:
+        Ts = Ts_tracker_marker
         moves = tool != "headmarker"  # by less than a millimetre, which hides nothing
         if not moves or (_at_rest(Ts.rotations) and _at_rest(Ts.translations)):  # one look will do
             Ts = Ts.select(slice(0, 1))
@@ -44,22 +58,12 @@ class LinesOfSight:
         hidden = self._hidden_by_head(starts, ends)
         if tool not in ("toolmarker", "basemarker", "headmarker"):  # these are in nobody's hand
             hidden |= segments_hit(starts, ends, hand_capsule(tool, Ts))
-        if _at_rest(qs_rad):
-            qs_rad = qs_rad[:1]
         T_base_tracker = self._scene.T_base_tracker
-        arm = self._arm_at(qs_rad)
         hidden = hidden | segments_hit(
             _moved(T_base_tracker, starts), _moved(T_base_tracker, ends), arm
         )
         count = len(GEOMETRIES[tool].positions_marker)
         return np.broadcast_to(~hidden.any(axis=1), (len(Ts_tracker_marker), count))
-
-    def _arm_at(self, qs_rad: Floats) -> Capsules:
-        """Return the arm in ``base`` at joint angles (n, 6): for all tools of a frame, once."""
-        newest = self._newest_arm
-        if newest is None or not np.array_equal(newest[0], qs_rad):
-            newest = self._newest_arm = qs_rad, self._links.at(self._model, qs_rad)
-        return newest[1]
 
     def _rays(self, tool: str, Ts_tracker_marker: Poses) -> tuple[Floats, Floats]:
         """Return start and end (n, 2, m, 3) in ``tracker`` of the lines from camera to marker."""

@@ -5,7 +5,7 @@ multiple of its length, whoever asks for a frame of it and when, so that the pac
 changes no bit of what is measured.
 """
 
-from collections.abc import Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -13,14 +13,16 @@ import numpy as np
 
 from rona_core.devices.marker_geometry import GEOMETRIES, MarkerGeometry
 from rona_core.devices.protocols import Clock
-from rona_core.devices.samples import ToolSample, TrackerFrame
+from rona_core.devices.samples import LateSamples, ToolSample, TrackerFrame
 from rona_core.devices.settings import TOOLS, TrackerSettings
 from rona_core.errors import DeviceError
 from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.geometry.pose import Poses
 from rona_core.virtual.noise import standard_normals
 from rona_core.virtual.tracker.faults import drift_mm, dropped, swapped_markers
+from rona_core.virtual.tracker.late_column import LateColumn
 from rona_core.virtual.tracker.marker_error import in_volume, marker_error
+from rona_core.virtual.tracker.occlusion import Sight
 from rona_core.virtual.tracker.reporting_rules import ToolReports, report_tool
 
 FACING_LIMIT_RAD = np.deg2rad(60.0)  # flat markers are lost beyond this angle to the line of sight
@@ -40,8 +42,8 @@ class TrackedWorld(Protocol):
         """Return the true poses (n,) of a tool at times (n,), None if it is not there."""
         ...
 
-    def clear(self, tool: str, Ts_tracker_marker: Poses, times_s: Floats) -> Bools:
-        """Return which markers (n, m) of a tool nothing hides."""
+    def sight(self, times_s: Floats) -> Sight:
+        """Return what tells which markers nothing hides at times (n,), whatever happens later."""
         ...
 
     def motion_key(self) -> Hashable | None:
@@ -231,30 +233,39 @@ class VirtualTracker:
         if not len(numbers):
             return ()
         white = white_numbers(self._seed, "tracker", self._ordinal, numbers)
-        columns = [self._samples(tool, numbers, white[tool]) for tool in TOOLS]
-        rate_hz = self._settings.rate_hz
+        sight = self._world.sight(self._measured_s(numbers)) if self._settings.occlusion else None
+        columns = {
+            tool: LateColumn(self._samples(tool, numbers, white[tool], sight)) for tool in TOOLS
+        }
         return tuple(
-            TrackerFrame(number, number / rate_hz, samples)
-            for number, samples in zip(numbers.tolist(), zip(*columns, strict=True), strict=True)
+            TrackerFrame(number, number / self._settings.rate_hz, LateSamples(columns, row))
+            for row, number in enumerate(numbers.tolist())
         )
 
-    def _samples(self, tool: str, numbers: Ints, white: Floats) -> list[ToolSample]:
-        settings, seed, ordinal = self._settings, self._seed, self._ordinal
+    def _samples(
+        self, tool: str, numbers: Ints, white: Floats, sight: Sight | None
+    ) -> Callable[[], list[ToolSample]]:
+        """Return what gives the samples of a tool; poses are those of now, the rest can wait."""
+        settings, seed, ordinal, share = self._settings, self._seed, self._ordinal, self._share
         if tool in settings.hidden_tools:
-            return [ToolSample(tool, "covered")] * len(numbers)
-        times_s = self._measured_s(numbers)
-        Ts = self._world.Ts_tracker_marker(tool, times_s)
+            return lambda: [ToolSample(tool, "covered")] * len(numbers)
+        Ts = self._world.Ts_tracker_marker(tool, self._measured_s(numbers))
         if Ts is None:
-            return [ToolSample(tool, "out_of_view")] * len(numbers)
+            return lambda: [ToolSample(tool, "out_of_view")] * len(numbers)
         geometry = GEOMETRIES[tool]
-        conditions = ViewConditions(
-            self._facing(geometry, Ts, numbers),
-            self._world.clear(tool, Ts, times_s) if settings.occlusion else None,
-            drift_mm(settings, seed, ordinal, numbers / settings.rate_hz),
-            swapped_markers(settings, geometry, seed, ordinal, numbers),
-            self._share,
-        )
-        return tool_samples(tool, observe(geometry, Ts, white, settings, seed, conditions))
+        facing = self._facing(geometry, Ts, numbers)
+
+        def measured() -> list[ToolSample]:
+            conditions = ViewConditions(
+                facing,
+                None if sight is None else sight(tool, Ts),
+                drift_mm(settings, seed, ordinal, numbers / settings.rate_hz),
+                swapped_markers(settings, geometry, seed, ordinal, numbers),
+                share,
+            )
+            return tool_samples(tool, observe(geometry, Ts, white, settings, seed, conditions))
+
+        return measured
 
     def _measured_s(self, numbers: Ints) -> Floats:
         return numbers / self._settings.rate_hz - self._settings.latency_s

@@ -45,9 +45,7 @@ class World:
     @property
     def clamping(self) -> Pose:
         """The probe as it is clamped in its holder, in the frame where it should be."""
-        random = rng(self.seed, "world mounting", 0, 0)
-        turn = np.deg2rad(self.mounting_deg) * _direction(random)
-        return Pose.from_rotvec(turn, self.mounting_mm * _direction(random))
+        return _clamping(self.seed, self.mounting_deg, self.mounting_mm)
 
     @property
     def spindle_off_tip(self) -> Vector3:
@@ -83,6 +81,13 @@ def draw_world(settings: WorldSettings, bone: BoneChoice, seed: int) -> World:
 
 
 NOMINAL = draw_world(NOMINAL_WORLD, BoneChoice(own_speed=False), 0)
+
+
+@lru_cache(maxsize=8)  # each group of A-scans asks
+def _clamping(seed: int, mounting_deg: float, mounting_mm: float) -> Pose:
+    random = rng(seed, "world mounting", 0, 0)
+    turn = np.deg2rad(mounting_deg) * _direction(random)
+    return Pose.from_rotvec(turn, mounting_mm * _direction(random))
 
 
 @lru_cache(maxsize=8)  # a contact loop asks every step

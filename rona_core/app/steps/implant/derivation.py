@@ -3,6 +3,7 @@
 import numpy as np
 
 from rona_core.app.dependencies.inputs import require_result
+from rona_core.app.runtime.free_memory import release_memory
 from rona_core.app.steps.implant.burr.derivation import known_burr
 from rona_core.app.steps.implant.implant_bed import LACKS, ImplantBed, PlacedBed, TriedLift
 from rona_core.app.steps.implant.messages import Corners, PlaceBed, StartBedSearch
@@ -99,6 +100,7 @@ def derive_search(
         StaleResultError: the maps are out of date.
         CancelledError: somebody cancelled.
     """
+    release_memory()
     problem = _problem(session, message)
     progress(SHARE_OF_DRAWS)
     implant = implant_named(message.implant)

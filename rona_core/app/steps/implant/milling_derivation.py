@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from rona_core.app.dependencies.staleness import session_obstacles
+from rona_core.app.runtime.free_memory import release_memory
 from rona_core.app.steps.implant.burr.derivation import known_burr
 from rona_core.app.steps.implant.messages import PlanMilling
 from rona_core.app.steps.implant.milling_plan import MillingPlan
@@ -39,6 +40,7 @@ def derive_milling(
         StaleResultError: it is of other maps.
         CancelledError: somebody cancelled.
     """
+    release_memory()
     settings = CuttingPlanSettings(n_rolls=message.n_rolls)
     return plan_view(session, milling_view(session), settings, progress=progress, cancel=cancel)
 

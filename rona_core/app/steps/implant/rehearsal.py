@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.runtime.free_memory import release_memory
 from rona_core.app.steps.implant.messages import RehearseMilling
 from rona_core.app.steps.implant.milling_motion import require_certified
 from rona_core.app.steps.implant.milling_plan import MillingPlan, why_no_milling
@@ -69,6 +70,7 @@ def derive_rehearsal(
         StaleResultError: it is of another bed, robot or surroundings.
         CancelledError: somebody cancelled.
     """
+    release_memory()
     planned, _ = require_certified(session)
     raised = RaisedMilling(session, planned.verdicts[planned.chosen].roll_deg, cancel)
     floor_scan = FloorScan(session, cancel)

@@ -1,5 +1,7 @@
 """Drive a scan with the force loop: press on, follow the path, lift off; every step recorded."""
 
+from bisect import bisect_right
+
 import numpy as np
 
 from rona_core.app.declarations.declarations import ActivityContext
@@ -20,7 +22,7 @@ from rona_core.devices.wrench import (
     force_now,
     force_track,
 )
-from rona_core.geometry.arrays import Floats, clamped
+from rona_core.geometry.arrays import Floats, clamped, interpolated
 from rona_core.robot.force_control.controller import (
     FALL_PER_S,
     MOST_MM_PER_S,
@@ -84,6 +86,7 @@ class ContactLoop:
         self._stopped_s = np.inf
         self._pressed_on = False  # once: from then on the scan has begun
         times = trajectory.times_s
+        self._times, self._way_mm = times.tolist(), trajectory.path_mm.tolist()
         probes = model.forward(trajectory.qs_rad) @ model.T_flange_probe
         steps = np.diff(probes.translations, axis=0)
         spans = np.diff(times)
@@ -158,8 +161,8 @@ class ContactLoop:
             code, velocity, feed = self._lift(reached_s, travel_mm)
         else:
             code, velocity, feed = self._press(reached_s, travel_mm, force_n, sample)
-        way_mm = np.interp(reached_s, self._trajectory.times_s, self._trajectory.path_mm)
-        self._rows.append(LoopRow(sample, force_n, code, travel_mm, feed, float(way_mm)))
+        way_mm = interpolated(reached_s, self._times, self._way_mm)
+        self._rows.append(LoopRow(sample, force_n, code, travel_mm, feed, way_mm))
         if len(self._rows) % SHOWN_EVERY == 0:
             newest = self._rows[-SHOWN_EVERY:]
             self._shown = force_now(newest, self._settings.force_n, self._shown)
@@ -245,6 +248,5 @@ class ContactLoop:
         return far or now_s - self._stopped_s > BACK_S
 
     def _index(self, reached_s: float) -> int:
-        times = self._trajectory.times_s
-        i = int(np.searchsorted(times, reached_s + 1e-9, side="right")) - 1
-        return min(max(i, 0), len(times) - 2)
+        i = bisect_right(self._times, reached_s + 1e-9) - 1
+        return min(max(i, 0), len(self._times) - 2)

@@ -83,6 +83,7 @@ def tool_poses(session: Session) -> tuple[Poses, Poses, Ints]:
     return model.forward(qs_rad) @ model.T_flange_tip, Ts_tracker_toolmarker, phases
 
 
+@remember(4)  # the registration, its sigmas and what is predicted by it ask for them
 def tool_dwells(capture: ToolCapture, model: RobotModel) -> tuple[Floats, Poses, Ints]:
     """Return joint angles (n, 6), ``Ts_tracker_toolmarker`` and phases (n,) of the poses seen.
 
@@ -102,7 +103,7 @@ def tool_dwells(capture: ToolCapture, model: RobotModel) -> tuple[Floats, Poses,
             "the tracker saw the tool marker at none of the "
             f"{len(capture.phases)} poses: uncover it, or turn it towards the tracker"
         )
-    return np.array(joints), Poses.stack(markers), capture.phases[kept]
+    return readonly(np.array(joints)), Poses.stack(markers), readonly(capture.phases[kept])
 
 
 def derive_tool(session: Session, message: RegisterTool) -> ToolRegistration:
@@ -140,6 +141,7 @@ def with_repeating_errors(session: Session, made: ToolRegistration) -> ToolRegis
     )
 
 
+@remember(4)
 def repeating_parts(
     capture: ToolCapture, devices: DeviceSettings, made: ToolRegistration
 ) -> tuple[RegistrationSensitivity, Floats]:
@@ -153,7 +155,8 @@ def repeating_parts(
     accuracy_mm = ROBOT_ACCURACY_MM if devices.robot.errors else 0.0
     links = link_errors(model, qs_rad[made.used], model.T_flange_tip, accuracy_mm)
     by_robot = np.einsum("knj,njl->kl", moved_by.robot, links)
-    return moved_by, np.concatenate((by_robot[:6], worse_half(by_robot[6:], by_robot[9:])))
+    of_tool = worse_half(by_robot[6:], by_robot[9:])
+    return moved_by, readonly(np.concatenate((by_robot[:6], of_tool)))
 
 
 def worse_half(tool: Floats, tip: Floats) -> Floats:

@@ -18,12 +18,15 @@ from rona_core.robot.trajectory.trajectory import TimedMotion, Trajectory
 from rona_core.robot.verification.certificate import Certificate
 from rona_core.robot.verification.verifier import verify_motion
 from rona_core.session.document import Session
+from rona_core.session.memo import Memo
 
 SAME_PLACE_RAD = 1e-6
 STOPPED = (
     "the robot was stopped on its way to the start: nothing was recorded, and what was recorded "
     "earlier is kept"
 )
+
+_PLANNED: Memo[tuple[Trajectory, ...]] = Memo(16)  # each scan weighs the tool in the same poses
 
 
 class FreeMoves:
@@ -44,6 +47,11 @@ class FreeMoves:
             NotReachableError: the goal touches something, there is no way around what does, or
                 the verifier refuses a motion; it says why.
         """
+        ends = start_rad.tobytes(), goal_rad.tobytes()
+        among = self._model, self._around
+        return _PLANNED.get(among, lambda: self._plan(start_rad, goal_rad), ends)
+
+    def _plan(self, start_rad: Floats, goal_rad: Floats) -> tuple[Trajectory, ...]:
         model, motions = self._model, list[Trajectory]()
         require_clear(model, self._free, goal_rad)
         if not self.stands_clear(start_rad):

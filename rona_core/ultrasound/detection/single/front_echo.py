@@ -109,7 +109,8 @@ def subtract_fronts(aligned: Complexes, template: Template) -> Complexes:
     curvature and film; the fit takes its side lobes away far beyond the place of the fit.
     """
     found, copies = _near_fit(template)
-    return aligned - (aligned @ found) @ copies
+    left = (aligned @ found) @ copies
+    return np.subtract(aligned, left, out=left)
 
 
 @lru_cache(maxsize=16)

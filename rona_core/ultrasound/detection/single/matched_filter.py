@@ -33,6 +33,7 @@ EQUAL_FLOOR = {"2.25MHz": 1e-2, "1MHz": 2e-4}
 NOISE_SCANS, NOISE_STEPS = 64, 2  # looked at for the noise; steps for each doubling of it
 NOISE_FLOOR = 1.0  # equalising also stops this far (power) above the noise
 Record = TypeVar("Record", bound=Any)  # an array (n, ...), or a dataclass of such
+AT_ONCE = 64  # traces whose whole spectra are held at a time: they are large
 EVERY = 16  # frequencies that share a factor of a shift
 COMPRESSED = 2048  # samples of the compressed trace over the same time as GRID
 
@@ -155,13 +156,17 @@ def trace_spectra(rf: Floats, start_us: float, template: Template) -> tuple[Comp
 
     The noise is read off the frequencies above the probe's band, where it is all there is.
     """
-    full = np.fft.rfft(rf, GRID, axis=1)
     f = grid_frequencies_mhz(template.probe)
     quiet = (f > 2.5 * template.probe.centre_mhz) & (f < 0.45 * template.probe.sampling_mhz)
-    power = full.real[:, quiet] ** 2 + full.imag[:, quiet] ** 2
-    noise = np.sqrt(row_medians(power) / np.log(2.0) / rf.shape[1])  # of an exponential law
     delay = np.exp(-2j * np.pi * template.frequencies_mhz * start_us)
-    return full[:, template.bins] * delay, noise
+    spectra, noise = np.zeros((len(rf), len(delay)), dtype=np.complex128), np.zeros(len(rf))
+    for start in range(0, len(rf), AT_ONCE):
+        some = slice(start, start + AT_ONCE)
+        full = np.fft.rfft(rf[some], GRID, axis=1)
+        power = full.real[:, quiet] ** 2 + full.imag[:, quiet] ** 2
+        noise[some] = np.sqrt(row_medians(power) / np.log(2.0) / rf.shape[1])  # exponential law
+        spectra[some] = full[:, template.bins] * delay
+    return spectra, noise
 
 
 def row_medians(values: Floats) -> Floats:
