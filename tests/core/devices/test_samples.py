@@ -6,6 +6,7 @@ from rona_core.devices.samples import (
     AScanTrack,
     JointSample,
     JointTrack,
+    LateSamples,
     ToolSample,
     ToolTrack,
     TrackerFrame,
@@ -48,6 +49,26 @@ def test_a_tool_that_was_never_seen_gives_an_empty_track():
     track = ToolTrack.from_frames("toolmarker", frames()[1])
     assert (len(track.Ts_tracker_marker), len(track.times_s), track.n_frames) == (0, 0, 8)
     assert frames()[1][0].tool("toolmarker") is None
+
+
+def test_late_samples_are_a_sequence_and_only_what_is_asked_for_is_worked_out():
+    asked = []
+
+    def column(tool):
+        def samples():
+            asked.append(tool)
+            return [ToolSample(tool, "ok", Pose.identity(), 0.1 * row) for row in range(3)]
+
+        return samples
+
+    late = LateSamples({tool: column(tool) for tool in ("a", "b", "c")}, row=2)
+    assert (len(late), asked) == (3, [])
+    assert late.named("b").rms_error_mm == 0.2
+    assert (late.named("nobody"), asked) == (None, ["b"])
+    assert TrackerFrame(2, 0.1, late).tool("c").tool == "c"
+    assert [one.tool for one in late] == ["a", "b", "c"]
+    assert [one.tool for one in late[1:]] == ["b", "c"]
+    assert late[-1].tool == "c"
 
 
 def test_joints_are_interpolated_in_time():

@@ -3,7 +3,14 @@ import pytest
 from hypothesis import given, settings
 
 from rona_core.errors import InvalidInputError
-from rona_core.geometry.arrays import as_floats, as_points, as_unit_vectors, as_vector3, readonly
+from rona_core.geometry.arrays import (
+    as_floats,
+    as_points,
+    as_unit_vectors,
+    as_vector3,
+    interpolated,
+    readonly,
+)
 from tests.helpers.strategies import seeds, unit_vectors
 
 few = settings(max_examples=25, deadline=None)
@@ -72,3 +79,11 @@ def test_scaling_to_unit_length_twice_is_scaling_once():
     once = as_unit_vectors(vectors)
     assert np.abs(np.linalg.norm(once, axis=1) - 1.0).max() < 1e-15
     assert as_unit_vectors(once).tobytes() == once.tobytes()
+
+
+@given(seeds)
+def test_one_number_is_interpolated_as_numpy_does_to_the_last_bit(seed):
+    rng = np.random.default_rng(seed)
+    xs, ys = np.sort(rng.normal(size=9)), rng.normal(size=9)
+    for x in (*rng.uniform(-3.0, 3.0, 20), *xs, xs[0] - 1.0, xs[-1] + 1.0):
+        assert interpolated(float(x), xs.tolist(), ys.tolist()) == np.interp(x, xs, ys)

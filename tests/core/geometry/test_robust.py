@@ -9,6 +9,7 @@ from rona_core.geometry.robust import (
     TUKEY_CUTOFF,
     cauchy_weights,
     mad_sigma,
+    median,
     reweighted_least_squares,
     tukey_weights,
     tukey_weights_of_squares,
@@ -136,3 +137,13 @@ def test_the_fit_follows_a_change_of_the_target(seed):
     first = reweighted_least_squares(design, target, weigh, rounds=8)
     other = reweighted_least_squares(design, factor * target + design @ shift, weigh, rounds=8)
     np.testing.assert_allclose(other, factor * first + shift, atol=1e-5)
+
+
+@given(seeds, st.integers(1, 40))
+def test_the_median_is_that_of_numpy(seed, count):
+    values = np.round(np.random.default_rng(seed).normal(size=count), 1)  # some are equal
+    assert median(values) == np.median(values)
+
+
+def test_the_median_of_what_is_not_known_is_not_known():
+    assert np.isnan(median(np.array([1.0, np.nan, 2.0])))
