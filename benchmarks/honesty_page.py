@@ -45,7 +45,7 @@ equally often (`benchmarks/suites/honesty/design.py`). Nothing was tuned on thes
 claims to tell good places from bad ones. *Drawn*: what it is for normal errors, each drawn by
 itself with these sigmas. Errors that are seldom, but then a whole cycle of the echo, reach less
 however honest the sigmas ([why](algorithms/ultrasound/sound_speed.md)). The goal of *rank* is
-{RANK_GOAL:g}, or *drawn* where that is less; it misses where its whole interval does.
+{RANK_GOAL:g}, or *drawn* where that is less.
 
 Every seed counts the same, whatever its number of samples; in brackets the 95 % interval, by
 drawing seeds with replacement. What misses its goal is bold. A *common* part is one error for a

@@ -38,11 +38,14 @@ class FusionFigures:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Clouds:
-    """The cloud (n, 3) as it was measured, with its true rigid motion, and as it really is."""
+    """The cloud (n, 3) as it was measured, with its true rigid motion, and as it really is.
+
+    The latter two are None where the truth is not known.
+    """
 
     measured: Floats
-    moved: Floats
-    exact: Floats
+    moved: Floats | None
+    exact: Floats | None
 
 
 def fusion_figures(session: Session, truth: Truth) -> FusionFigures | None:
@@ -61,12 +64,10 @@ def fusion_figures(session: Session, truth: Truth) -> FusionFigures | None:
     T_map_base = maps.outer.T_base_map.inv()
     samples = (T_map_base @ maps.outer_points_base)[maps.outer_used]
     points, touched = surface.value.points_base, _touched(session, truth)
-    motion = None if touched is None else register_points(points, touched).T_b_a
-    clouds = _Clouds(
-        measured=T_map_base @ points,
-        moved=T_map_base @ (points if motion is None else motion @ points),
-        exact=T_map_base @ (points if touched is None else touched),
-    )
+    clouds = _Clouds(T_map_base @ points, None, None)
+    if touched is not None:
+        moved = register_points(points, touched).T_b_a @ points
+        clouds = replace(clouds, moved=T_map_base @ moved, exact=T_map_base @ touched)
     prior = cloud_prior(session)
     whole = _plates(samples, clouds, prior)
     middle = samples[:, :2].mean(axis=0)
@@ -101,8 +102,8 @@ def _plates(samples: Floats, clouds: _Clouds, prior: CloudPrior) -> dict[str, Pl
     alone = fit_field(samples[:, :2], samples[:, 2])
     both = np.vstack((samples, thinned(clouds.measured, alone.grid.step_mm)))
 
-    def fused(cloud: Floats, prior: CloudPrior) -> PlateField | None:
-        found = fuse_cloud(cloud, alone, NEAR_MM, prior)
+    def fused(cloud: Floats | None, prior: CloudPrior) -> PlateField | None:
+        found = None if cloud is None else fuse_cloud(cloud, alone, NEAR_MM, prior)
         return None if found is None else found.plate
 
     return {

@@ -131,15 +131,9 @@ def grouped(samples: Sequence[Judged]) -> Mapping[tuple[str, Part], list[Judged]
 
 
 def rank_goal(found: Honesty) -> float:
-    """Return the rank correlation asked for: no sigma can reach more than drawn errors have.
-
-    Less what the seeds leave open of the value: it misses where its whole interval does.
-    """
-    drawn, rank = found.drawn_rank, found.rank
-    goal = RANK_GOAL if drawn is None else min(RANK_GOAL, drawn)
-    if rank is None or rank.high is None or rank.value is None:
-        return goal
-    return goal - (rank.high - rank.value)
+    """Return the rank correlation asked for: what normal errors of these sigmas have, if less."""
+    drawn = found.drawn_rank
+    return RANK_GOAL if drawn is None else min(RANK_GOAL, drawn)
 
 
 def ratio_goal(found: Honesty, goal: tuple[float, float] = RATIO_GOAL) -> tuple[float, float]:

@@ -51,9 +51,10 @@ class PinocchioArm:
             for i, q in enumerate(some):
                 pin.framesForwardKinematics(self._model, self._data, q)
                 placements[i] = placement.homogeneous[:3]
-            rotations[start : start + BLOCK] = placements[:, :, :3]
-            translations[start : start + BLOCK] = placements[:, :, 3]
-        translations *= MM_PER_M
+            # checked part by part: all of a long motion at once takes much memory
+            part = Poses(placements[:, :, :3], placements[:, :, 3] * MM_PER_M)
+            rotations[start : start + BLOCK] = part.rotations
+            translations[start : start + BLOCK] = part.translations
         return Poses.unchecked(rotations, translations)
 
     def joint_axes(self, qs_rad: Floats) -> tuple[Floats, Floats]:
