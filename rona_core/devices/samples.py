@@ -5,6 +5,7 @@ All times are seconds on the clock of the capture, which starts at 0.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from typing import Literal, overload
 
 import numpy as np
@@ -37,19 +38,58 @@ class ToolSample:
     rms_error_mm: float | None = None  # fit of the markers to the known geometry
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ToolColumn:
+    """One tool in n tracker frames: a column of the table of samples."""
+
+    tool: str
+    statuses: Sequence[ToolStatus]  # (n,)
+    seen: Bools  # (n,) there is a pose
+    Ts_tracker_marker: Poses  # n poses, the identity where there is none
+    rms_error_mm: Floats  # (n,) fit of the markers; 0 where there is none
+
+    @classmethod
+    def of_one(cls, sample: ToolSample) -> "ToolColumn":
+        """Return the column of a single frame."""
+        pose = sample.T_tracker_marker
+        return cls(
+            sample.tool,
+            (sample.status,),
+            np.array([pose is not None]),
+            Poses.stack([Pose.identity() if pose is None else pose]),
+            np.array([sample.rms_error_mm or 0.0]),
+        )
+
+    @classmethod
+    def unseen(cls, tool: str, status: ToolStatus, n: int) -> "ToolColumn":
+        """Return the column of a tool that has no pose in any of n frames."""
+        eyes, zeros = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3))
+        poses = Poses.unchecked(eyes, zeros)
+        return cls(tool, (status,) * n, np.zeros(n, dtype=np.bool_), poses, np.zeros(n))
+
+    def __len__(self) -> int:
+        return len(self.statuses)
+
+    def __getitem__(self, row: int) -> ToolSample:
+        if not self.seen[row]:
+            return ToolSample(self.tool, self.statuses[row])
+        pose, rms_mm = self.Ts_tracker_marker[row], float(self.rms_error_mm[row])
+        return ToolSample(self.tool, self.statuses[row], pose, rms_mm)
+
+
 class LateSamples(Sequence[ToolSample]):
     """The samples of all tools in one of many frames, each worked out when it is asked for."""
 
-    __slots__ = ("_columns", "_row")
+    __slots__ = ("_columns", "row")
 
-    def __init__(self, columns: Mapping[str, Callable[[], Sequence[ToolSample]]], row: int) -> None:
+    def __init__(self, columns: Mapping[str, Callable[[], ToolColumn]], row: int) -> None:
         """Take frame number ``row`` of what the column of each tool gives."""
-        self._columns, self._row = columns, row
+        self._columns, self.row = columns, row
 
-    def named(self, name: str) -> ToolSample | None:
-        """Return the sample of one tool, or None if there is none of that name."""
+    def column(self, name: str) -> ToolColumn | None:
+        """Return the samples of one tool in all of the frames, or None if there is none."""
         column = self._columns.get(name)
-        return None if column is None else column()[self._row]
+        return None if column is None else column()
 
     def __len__(self) -> int:
         return len(self._columns)
@@ -61,8 +101,8 @@ class LateSamples(Sequence[ToolSample]):
     def __getitem__(self, index: int | slice) -> ToolSample | tuple[ToolSample, ...]:
         columns = list(self._columns.values())[index]
         if isinstance(columns, list):
-            return tuple(column()[self._row] for column in columns)
-        return columns()[self._row]
+            return tuple(column()[self.row] for column in columns)
+        return columns()[self.row]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,9 +115,15 @@ class TrackerFrame:
 
     def tool(self, name: str) -> ToolSample | None:
         """Return the sample of one tool, or None if the tracker does not know it."""
+        column, row = self.column(name)
+        return None if column is None else column[row]
+
+    def column(self, name: str) -> tuple[ToolColumn | None, int]:
+        """Return the column in which a tool stands, None if there is none, and the row."""
         if isinstance(self.tools, LateSamples):
-            return self.tools.named(name)
-        return next((sample for sample in self.tools if sample.tool == name), None)
+            return self.tools.column(name), self.tools.row
+        sample = next((sample for sample in self.tools if sample.tool == name), None)
+        return None if sample is None else ToolColumn.of_one(sample), 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,18 +160,23 @@ class ToolTrack:
     @classmethod
     def from_frames(cls, tool: str, frames: Sequence[TrackerFrame]) -> "ToolTrack":
         """Collect one tool from the frames of a capture."""
-        seen = [
-            (frame, sample, sample.T_tracker_marker)
-            for frame in frames
-            if (sample := frame.tool(tool)) is not None and sample.T_tracker_marker is not None
-        ]
-        errors = [s.rms_error_mm or 0.0 for _, s, _ in seen]
+        kept: list[TrackerFrame] = []
+        poses, rms_mm = [Poses.stack([])], [np.zeros(0)]
+        placed = [(frame, *frame.column(tool)) for frame in frames]
+        for column, of_column in groupby(placed, key=lambda one: one[1]):
+            if column is None:
+                continue
+            seen = [(frame, row) for frame, _, row in of_column if column.seen[row]]
+            rows = np.array([row for _, row in seen], dtype=np.int64)
+            kept += [frame for frame, _ in seen]
+            poses.append(column.Ts_tracker_marker.select(rows))
+            rms_mm.append(column.rms_error_mm[rows])
         return cls(
             tool=tool,
-            frame_numbers=readonly(np.array([f.number for f, _, _ in seen], dtype=np.int64)),
-            times_s=readonly(np.array([f.time_s for f, _, _ in seen], dtype=np.float64)),
-            Ts_tracker_marker=Poses.stack([pose for _, _, pose in seen]),
-            rms_error_mm=readonly(np.array(errors, dtype=np.float64)),
+            frame_numbers=readonly(np.array([f.number for f in kept], dtype=np.int64)),
+            times_s=readonly(np.array([f.time_s for f in kept], dtype=np.float64)),
+            Ts_tracker_marker=Poses.joined(poses),
+            rms_error_mm=readonly(np.concatenate(rms_mm)),
             n_frames=len(frames),
         )
 

@@ -59,7 +59,7 @@ def true_markers(
         poses, seen, found_mm = target, np.ones(len(target), dtype=np.bool_), np.zeros(len(target))
         for _ in range(ROUNDS):
             reports = observe(geometry, poses, white[unexplained], settings, seed, conditions)
-            seen &= reports.fitted  # not so at the very edge of what the tracker sees
+            seen &= reports.seen  # not so at the very edge of what the tracker sees
             found_mm = reports.rms_error_mm
             corrected = (target @ reports.Ts_tracker_marker.inv()) @ poses
             poses = Poses(

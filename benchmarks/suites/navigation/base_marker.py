@@ -74,7 +74,7 @@ def seen(
     geometry = GEOMETRIES["basemarker"]
     white = white_numbers(seed, "tracker", ordinal, np.arange(FRAMES))["basemarker"]
     reports = observe(geometry, T_tracker_basemarker.repeated(FRAMES), white, settings, seed)
-    return mean_base(reports.Ts_tracker_marker.select(reports.fitted))
+    return mean_base(reports.Ts_tracker_marker.select(reports.seen))
 
 
 def room() -> tuple[Pose, Pose]:

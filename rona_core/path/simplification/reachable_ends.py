@@ -45,7 +45,7 @@ def _reach(columns: Floats, starts: Ints, window: int, near_mm: float) -> Ints:
     """Return how many points ahead (q,) the cones still meet, at most ``window``."""
     at = np.minimum(starts[:, None] + np.arange(1, window + 1), columns.shape[1] - 1)
     rays = columns[:, at] - columns[:, starts, None]
-    length = np.sqrt((rays**2).sum(axis=0))
+    length = np.sqrt(_squares(rays))
     outside = length > near_mm
     rays /= np.where(length > 0, length, 1.0)
     sine = np.where(outside, near_mm / np.where(outside, length, 1.0), np.inf)
@@ -57,11 +57,19 @@ def _reach(columns: Floats, starts: Ints, window: int, near_mm: float) -> Ints:
     row, column = np.nonzero(known)
     other = narrowest[row, column]
     chord = rays[:, row, column + 1] - rays[:, row, other]
-    apart = 2.0 * np.arcsin(np.minimum(np.sqrt((chord**2).sum(axis=0)) / 2.0, 1.0))
+    apart = 2.0 * np.arcsin(np.minimum(np.sqrt(_squares(chord)) / 2.0, 1.0))
     halves = np.arcsin(sine[row, column + 1]) + np.arcsin(sine[row, other])
     beyond = np.zeros(known.shape, dtype=np.bool_)
     beyond[row, column] = apart > halves + SLACK_RAD
     return np.where(beyond.any(axis=1), beyond.argmax(axis=1) + 1, window)
+
+
+def _squares(columns: Floats) -> Floats:
+    """Return the sums of squares of columns (m, ...), row by row: quicker than ``sum`` for few."""
+    total = columns[0] ** 2
+    for row in columns[1:]:
+        total += row**2
+    return total
 
 
 def possible(columns: Floats, starts: Ints, ends: Ints, near_mm: float) -> tuple[Ints, Ints]:
@@ -88,7 +96,7 @@ def _away_sq(columns: Floats, starts: Ints, ends: Ints, shares: Floats) -> Float
     probe = starts + np.rint(shares * (ends - starts)).astype(np.int64)
     origin = columns[:, starts]
     chord = columns[:, ends] - origin
-    length_sq = (chord**2).sum(axis=0)
+    length_sq = _squares(chord)
     rays = [column[probe] - first for column, first in zip(columns, origin, strict=True)]
     t = np.zeros(probe.shape)
     for ray, side in zip(rays, chord, strict=True):

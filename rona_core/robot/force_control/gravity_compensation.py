@@ -71,10 +71,13 @@ def weight_wrench(load: ToolLoad, rotation_base_sensor: Floats) -> Floats:
 
 
 def pressing_force_n(
-    load: ToolLoad, rotation_base_sensor: Floats, wrench: Floats, axis_sensor: Floats
+    load: ToolLoad, up_sensor: Floats, wrench: Floats, axis_sensor: Floats
 ) -> float:
-    """Return the force with which the tool presses along its axis, the weight taken off."""
-    weight = load.mass_kg * (rotation_base_sensor.T @ GRAVITY_BASE)
+    """Return the force with which the tool presses along its axis, the weight taken off.
+
+    ``up_sensor`` is z of ``base`` (3,) in the sensor.
+    """
+    weight = load.mass_kg * GRAVITY_BASE[2] * up_sensor
     return -float((wrench[:3] - (weight + load.offset[:3])) @ axis_sensor)
 
 

@@ -21,11 +21,11 @@ from rona_core.robot.kinematics.arm import (
     IkSolutions,
     about_y,
     about_z,
-    alternating_turns,
     as_joints,
     elbow_cosine,
     link_frames,
     opposite,
+    up_after_turns,
     wrapped,
 )
 
@@ -84,11 +84,10 @@ class ParallelArm:
         rotations = about_z(qs[:, 0]) @ about_y(wrist) @ about_z(qs[:, 4]) @ about_y(qs[:, 5])
         return Poses(rotations @ FLANGE, centers + self.flange_mm * rotations[:, :, 1])
 
-    def rotation(self, q_rad: Floats) -> Floats:
-        """Return the rotation (3, 3) of the flange in ``base`` for one posture (6,)."""
-        q1, q2, q3, q4, q5, q6 = q_rad.tolist()
-        lean = q2 + RIGHT_RAD + q3 + q4 + RIGHT_RAD
-        return alternating_turns(np.array((q1, lean, q5, q6))) @ FLANGE
+    def up(self, q_rad: Floats) -> Floats:
+        """Return z of ``base`` (3,) in ``flange`` for one posture (6,)."""
+        _, q2, q3, q4, q5, q6 = q_rad.tolist()
+        return up_after_turns((q2 + RIGHT_RAD + q3 + q4 + RIGHT_RAD, q5, q6)) @ FLANGE
 
     def inverse(self, Ts_base_flange: Poses) -> IkSolutions:
         """Return every joint vector that brings the flange to each pose."""

@@ -79,9 +79,9 @@ class RobotModel:
         """Return ``Ts_base_flange`` for joint angles (n, 6) in radians."""
         return self.arm.forward(qs_rad)
 
-    def rotation(self, q_rad: Floats) -> Floats:
-        """Return the rotation (3, 3) of the flange in ``base`` for one posture (6,)."""
-        return self.arm.rotation(q_rad)
+    def up(self, q_rad: Floats) -> Floats:
+        """Return z of ``base`` (3,) in ``flange`` for one posture (6,)."""
+        return self.arm.up(q_rad)
 
     def inverse(self, Ts_base_flange: Poses) -> IkSolutions:
         """Return every joint vector that brings the flange to each pose."""
@@ -93,18 +93,36 @@ class RobotModel:
         They end (m < n) where a joint limit would be passed, or a joint turn by more than the
         largest step: the arm would go over to another branch.
         """
-        found = [q_start_rad]
+        return self.follow_each(Ts_base_flange, q_start_rad[None], largest_step_rad)[0]
+
+    def follow_each(
+        self, Ts_base_flange: Poses, qs_start_rad: Floats, largest_step_rad: float
+    ) -> list[Floats]:
+        """Return what ``follow`` does from k postures (k, 6), each along n poses of its own (k n,).
+
+        A tenth of the time, where each way is short.
+        """
+        k = len(qs_start_rad)
         solutions = self.inverse(Ts_base_flange)
-        for qs, out_of_reach in zip(solutions.qs_rad, ~solutions.valid, strict=True):
-            steps = wrapped(qs - found[-1])
-            sizes = np.maximum.reduce(np.abs(steps), axis=1)
-            sizes[out_of_reach] = np.inf
-            nearest = int(sizes.argmin())
-            q = found[-1] + steps[nearest]
-            if sizes[nearest] > largest_step_rad or self.limits.clearance_rad(q).min() < 0.0:
+        qs = solutions.qs_rad.reshape(k, -1, *solutions.qs_rad.shape[1:])
+        out_of_reach = ~solutions.valid.reshape(qs.shape[:3])
+        found = np.zeros((k, 1 + qs.shape[1], qs.shape[3]))
+        found[:, 0], lengths = qs_start_rad, np.zeros(k, dtype=np.int64)
+        on = np.arange(k)
+        for place in range(qs.shape[1]):
+            steps = wrapped(qs[on, place] - found[on, place, None])
+            sizes = np.abs(steps).max(axis=2)
+            sizes[out_of_reach[on, place]] = np.inf
+            nearest = sizes.argmin(axis=1)
+            rows = np.arange(len(on))
+            q = found[on, place] + steps[rows, nearest]
+            good = sizes[rows, nearest] <= largest_step_rad
+            good &= self.limits.clearance_rad(q).min(axis=1) >= 0.0
+            on = on[good]
+            found[on, place + 1], lengths[on] = q[good], place + 1
+            if not len(on):
                 break
-            found.append(q)
-        return np.array(found)[1:]
+        return [way[1 : 1 + length] for way, length in zip(found, lengths.tolist(), strict=True)]
 
     def joint_poses(self, q_rad: ArrayLike) -> Poses:
         """Return the seven link frames in ``base``, base and links 1 to 6, for drawing."""

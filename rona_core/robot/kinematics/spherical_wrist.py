@@ -21,11 +21,11 @@ from rona_core.robot.kinematics.arm import (
     IkSolutions,
     about_y,
     about_z,
-    alternating_turns,
     as_joints,
     elbow_cosine,
     link_frames,
     opposite,
+    up_after_turns,
     wrapped,
 )
 
@@ -52,10 +52,10 @@ class SphericalWristArm:
         rotations = rotations @ about_z(qs[:, 3]) @ about_y(qs[:, 4]) @ about_z(qs[:, 5])
         return Poses.unchecked(rotations, wrists_base + self.flange_mm * rotations[:, :, 2])
 
-    def rotation(self, q_rad: Floats) -> Floats:
-        """Return the rotation (3, 3) of the flange in ``base`` for one posture (6,)."""
-        q1, q2, q3, *wrist = q_rad.tolist()
-        return alternating_turns(np.array((q1, q2 + q3, *wrist)))
+    def up(self, q_rad: Floats) -> Floats:
+        """Return z of ``base`` (3,) in ``flange`` for one posture (6,)."""
+        _, q2, q3, *wrist = q_rad.tolist()
+        return up_after_turns((q2 + q3, *wrist))
 
     def inverse(self, Ts_base_flange: Poses) -> IkSolutions:
         """Return every joint vector that brings the flange to each pose."""

@@ -27,7 +27,8 @@ from rona_core.robot.redundancy.infeasibility import NAME
 from rona_core.robot.redundancy.margins import MarginLimits, joint_path
 from rona_core.robot.redundancy.result import Choice, RollMode, RollSearch
 from rona_core.robot.redundancy.variable_roll import plan_variable_roll
-from rona_core.robot.trajectory.scan_timing import LEAST_STANDOFF_MM, ScanSettings, time_scan
+from rona_core.robot.trajectory.lines_back import LEAST_STANDOFF_MM
+from rona_core.robot.trajectory.scan_timing import ScanSettings, time_scan
 from rona_core.robot.verification.verifier import verify_scan
 
 MAX_TRIES = 4  # constant rolls that are timed and verified before giving up,

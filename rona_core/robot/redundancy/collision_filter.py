@@ -12,11 +12,17 @@ import numpy as np
 from rona_core.errors import NotReachableError
 from rona_core.geometry.arrays import Floats
 from rona_core.robot.collision.collision_world import CollisionWorld
+from rona_core.robot.collision.edge_check import Clear
 from rona_core.robot.redundancy.constant_roll import Pair, RollEvaluation
 from rona_core.robot.redundancy.infeasibility import FailureCause, verdict_on
-from rona_core.robot.trajectory.scan_timing import LEAST_STANDOFF_MM, retract_line
+from rona_core.robot.trajectory.lines_back import (
+    LEAST_STANDOFF_MM,
+    clear_part,
+    lines_back,
+    require_standoff,
+)
 
-EVERY = 4  # path points from one check to the next; the verifier checks all, and in between
+CHECK_MM = 4.0  # of path from one check to the next; the verifier checks all, and in between
 
 Cause = Callable[[], tuple[int, FailureCause]]  # path point and why
 
@@ -35,9 +41,10 @@ def remove_blocked_rolls(
         world: The obstacles; None: only the retraction is checked.
     """
     last = len(evaluation.path) - 1
-    checked = np.unique(np.append(np.arange(0, last + 1, EVERY), last))
-    clear = None if world is None else world.clear
+    stretches = np.floor(evaluation.path.arc_length_mm() / CHECK_MM)
+    checked = np.unique(np.append(np.unique(stretches, return_index=True)[1], last))
     refused: dict[Pair, Cause] = {}
+    free: list[tuple[Pair, Floats]] = []  # that touch nothing: joint angles (2, 6) at both ends
     for pair in evaluation.ranked:
         curve = evaluation.rolls.on_branch(pair.index, pair.branch).qs_rad.T
         hit = -1 if world is None else world.first_hit(curve[checked])
@@ -47,14 +54,27 @@ def remove_blocked_rolls(
                 p,
                 _collision(q, w),
             )
-            continue
-        for end in (0, last):
-            try:
-                retract_line(evaluation.model, curve[end], LEAST_STANDOFF_MM, clear)
-            except NotReachableError as error:
-                refused[pair.index, pair.branch] = lambda end=end, e=error: (end, no_way(str(e)))
-                break
+        else:
+            free.append(((pair.index, pair.branch), curve[[0, last]]))
+    for place in (0, last):
+        free = [one for one in free if one[0] not in refused]
+        refused |= _held(evaluation, free, place, None if world is None else world.clear)
     return remove_rolls(evaluation, refused)
+
+
+def _held(
+    evaluation: RollEvaluation, free: list[tuple[Pair, Floats]], place: int, clear: Clear | None
+) -> dict[Pair, Cause]:
+    """Return the rolls with which the probe cannot be retracted from the first or last point."""
+    refused: dict[Pair, Cause] = {}
+    starts = np.array([ends[min(place, 1)] for _, ends in free])
+    lines = lines_back(evaluation.model, starts, LEAST_STANDOFF_MM) if free else []
+    for (pair, _), line in zip(free, lines, strict=True):
+        try:
+            require_standoff(clear_part(line, clear)[1])
+        except NotReachableError as error:
+            refused[pair] = lambda e=error: (place, no_way(str(e)))
+    return refused
 
 
 def remove_rolls(evaluation: RollEvaluation, refused: Mapping[Pair, Cause]) -> RollEvaluation:

@@ -17,12 +17,8 @@ from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.trajectory.corner_blend import blend_corners
 from rona_core.robot.trajectory.cutting_path import CuttingPath
 from rona_core.robot.trajectory.joint_moves import chain, clear_move
-from rona_core.robot.trajectory.scan_timing import (
-    ScanSettings,
-    retract_line,
-    sample_path,
-    timed_line,
-)
+from rona_core.robot.trajectory.lines_back import retract_line
+from rona_core.robot.trajectory.scan_timing import ScanSettings, sample_path, timed_line
 from rona_core.robot.trajectory.time_parameterization import SpeedLimits, kept
 from rona_core.robot.trajectory.trajectory import SAMPLE_S, Trajectory
 

@@ -4,12 +4,8 @@ from rona_core.errors import NotReachableError
 from rona_core.geometry.arrays import Floats
 from rona_core.robot.collision.edge_check import Clear
 from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.robot.trajectory.scan_timing import (
-    LINE_STEP_MM,
-    ScanSettings,
-    line_back,
-    timed_line,
-)
+from rona_core.robot.trajectory.lines_back import LINE_STEP_MM, line_back
+from rona_core.robot.trajectory.scan_timing import ScanSettings, timed_line
 from rona_core.robot.trajectory.trajectory import Trajectory, sampled_motion
 
 RETRACT_AFTER_STOP_MM = 30.0  # as far as the stand-off of a scan

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from rona_core.devices.settings import require
-from rona_core.errors import InvalidInputError, NotReachableError
+from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.geometry.path5d import Path5D
-from rona_core.geometry.pose import Poses
 from rona_core.robot.collision.edge_check import Clear, outside_bone
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.trajectory.corner_blend import blend_corners
 from rona_core.robot.trajectory.joint_moves import chain, clear_move, sample_times
+from rona_core.robot.trajectory.lines_back import LINE_STEP_MM, retract_line
 from rona_core.robot.trajectory.time_parameterization import (
     MERGED,
     SpeedLimits,
@@ -25,11 +25,8 @@ from rona_core.robot.trajectory.time_parameterization import (
 )
 from rona_core.robot.trajectory.trajectory import SAMPLE_S, Trajectory
 
-LINE_STEP_MM = 1.0  # between the places of a straight line
 SLOWER = 6  # times that a motion is slowed down until its samples keep all limits
 SHARE_ASKED = 1.0 - 1e-9
-LEAST_STANDOFF_MM = 5.0  # of a scan, at both ends of the path
-JUMP_RAD = float(np.deg2rad(10.0))  # within a millimetre: another branch of the arm
 TURN_WAY_MM = 10.0  # a turn of one radian on the spot counts as this much way
 
 
@@ -119,40 +116,6 @@ def timed_line(qs_rad: Floats, settings: ScanSettings, model: RobotModel) -> Flo
     way_mm = LINE_STEP_MM * np.arange(len(qs_rad), dtype=np.float64)
     slow = speed_limits(settings, settings.approach_speed_mm_per_s)
     return sample_path(way_mm, qs_rad, points, slow, model)[1]
-
-
-def retract_line(
-    model: RobotModel, q_contact_rad: Floats, standoff_mm: float, clear: Clear | None
-) -> Floats:
-    """Return joint angles (m, 6) straight back along the probe axis, ``LINE_STEP_MM`` apart.
-
-    The line ends at the stand-off, or earlier where the joints allow no more or something is
-    touched.
-
-    Raises:
-        NotReachableError: not even the shortest stand-off is possible.
-    """
-    line, back_mm = line_back(model, q_contact_rad, standoff_mm, clear)
-    if back_mm < LEAST_STANDOFF_MM:
-        raise NotReachableError(
-            f"the tool can only be drawn back by {back_mm:g} mm from "
-            f"one end of the path, {LEAST_STANDOFF_MM:g} mm are needed"
-        )
-    return line
-
-
-def line_back(
-    model: RobotModel, q_rad: Floats, most_mm: float, clear: Clear | None
-) -> tuple[Floats, float]:
-    """Return joint angles (m, 6) straight back as far as possible, and that distance."""
-    T_base_probe = model.forward(q_rad[None])[0] @ model.T_flange_probe
-    backs_mm = np.arange(LINE_STEP_MM, most_mm + LINE_STEP_MM / 2.0, LINE_STEP_MM)
-    places = T_base_probe.translation - backs_mm[:, None] * T_base_probe.rotation[:, 2]
-    probes = Poses.unchecked(np.repeat(T_base_probe.rotation[None], len(backs_mm), axis=0), places)
-    line = np.vstack((q_rad, model.follow(probes @ model.T_flange_probe.inv(), q_rad, JUMP_RAD)))
-    free = np.ones(len(line), dtype=np.bool_) if clear is None else clear(line)
-    line = line if free.all() else line[: int(np.argmin(free))]
-    return line, max(0, len(line) - 1) * LINE_STEP_MM
 
 
 def time_scan(

@@ -65,9 +65,13 @@ class VirtualForceSensor:
         spread = np.repeat(OFFSET, 3)
         self.offset = spread * generator.normal(0.0, 1.0, 6)
         self._noise = FrameNoise(seed, "force noise", ordinal)
-        self._by_weight = cross_matrix(self.com_flange_mm)
-        self._by_touch = cross_matrix(self._robot_model.T_flange_probe.translation)
-        self._axis_flange = self._robot_model.T_flange_probe.rotation[:, 2]
+        # wrenches: of the weight where z of ``base`` is x, y or z of the flange (6, 3), and of a
+        # touch by -1 N (6,)
+        T_flange_probe = self._robot_model.T_flange_probe
+        axis, levers = T_flange_probe.rotation[:, 2], cross_matrix(T_flange_probe.translation)
+        by_weight = np.vstack((np.eye(3), cross_matrix(self.com_flange_mm)))
+        self._by_up = self.mass_kg * GRAVITY_BASE[2] * by_weight
+        self._by_touch = np.concatenate((axis, levers @ axis))
         self._spring = ContactSpring(self._stiffness, cutoff_hz=self.model.cutoff_hz)
         self._until_s = 0.0
         self._closed = False
@@ -100,12 +104,11 @@ class VirtualForceSensor:
         if looks > 0:
             self._spring.advance(self._depths_mm(now_s - _ago_s(looks)))
             self._until_s = now_s
-        rotation = self._robot_model.rotation(self._q_at(now_s))
-        weight = self.mass_kg * (rotation.T @ GRAVITY_BASE)
-        touch = -self._spring.shown_n * self._axis_flange
-        torque = self._by_weight @ weight + self._by_touch @ touch
-        drift = self._drift * now_s / 60.0
-        return np.concatenate((weight + touch + drift, torque)) + self.offset
+        wrench = self._by_up @ self._robot_model.up(self._q_at(now_s))
+        wrench -= self._spring.shown_n * self._by_touch
+        wrench += self.offset
+        wrench[:3] += self._drift * now_s / 60.0
+        return wrench
 
 
 @lru_cache(maxsize=64)  # every step of a control loop has as many looks

@@ -2,23 +2,23 @@
 
 from collections.abc import Callable
 
-from rona_core.devices.samples import ToolSample
+from rona_core.devices.samples import ToolColumn
 
 
 class LateColumn:
     """The samples of one tool in n frames, worked out once, when the first is asked for."""
 
-    __slots__ = ("_compute", "_samples")
+    __slots__ = ("_column", "_compute")
 
-    def __init__(self, compute: Callable[[], list[ToolSample]]) -> None:
+    def __init__(self, compute: Callable[[], ToolColumn]) -> None:
         """Take what gives them (n,); it depends on nothing that may change."""
-        self._compute: Callable[[], list[ToolSample]] | None = compute
-        self._samples: list[ToolSample] = []
+        self._compute = compute
+        self._column: ToolColumn | None = None
 
-    def __call__(self) -> list[ToolSample]:
+    def __call__(self) -> ToolColumn:
         """Return them."""
-        compute = self._compute  # two threads may do it at once, none waits
-        if compute is not None:
-            self._samples = compute()
-            self._compute = None  # what they were made of is let go
-        return self._samples
+        column = self._column  # two threads may work it out at once, none waits
+        if column is None:
+            column = self._column = self._compute()
+            self._compute = lambda: column  # what they were made of is let go
+        return column

@@ -16,7 +16,6 @@ from rona_core.virtual.tracker.faults import drift_mm, dropped, swapped_markers
 from rona_core.virtual.tracker.tracker import (
     ViewConditions,
     observe,
-    tool_samples,
     white_numbers,
 )
 
@@ -115,5 +114,4 @@ class VirtualLiveTracker:
             swapped=swapped_markers(settings, geometry, self._seed, 0, numbers),
             share=self._share,
         )
-        reports = observe(geometry, Ts, white, settings, self._seed, conditions)
-        return tool_samples(tool, reports)[0]
+        return observe(geometry, Ts, white, settings, self._seed, conditions)[0]

@@ -4,14 +4,13 @@ Marker angle, then volume, then number of markers, then their spread, then the l
 tool that passes none of these has no pose, and its status names the first rule it broke.
 """
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rona_core.devices.marker_geometry import MarkerGeometry
-from rona_core.devices.samples import ToolStatus
+from rona_core.devices.samples import ToolColumn, ToolStatus
 from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.geometry.pose import Poses
 from rona_core.geometry.rigid_fit import ManyFits, fit_line_many, fit_rigid_many
@@ -19,19 +18,6 @@ from rona_core.geometry.rigid_fit import ManyFits, fit_line_many, fit_rigid_many
 MIN_MARKERS = {6: 3, 5: 2}  # by degrees of freedom of the tool
 MAX_3D_ERROR_MM = 2.0  # of a marker from where the fit has it: what tool files have by default
 MIN_SPREAD_MM = 10.0  # extent of the markers used; of 6D tools also across
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ToolReports:
-    """What the tracker makes of one tool in n frames."""
-
-    statuses: NDArray[np.object_]  # (n,) of ToolStatus
-    fitted: Bools  # (n,) there is a pose
-    Ts_tracker_marker: Poses  # (n,) the identity where there is none
-    rms_error_mm: Floats  # (n,) of the fit; 0 where there is none
-
-    def __len__(self) -> int:
-        return len(self.statuses)
 
 
 def report_tool(
@@ -42,7 +28,7 @@ def report_tool(
     inside: Bools,
     clear: Bools,
     swapped: Ints | None = None,
-) -> ToolReports:
+) -> ToolColumn:
     """Return the status of a tool in n frames, and its pose where it has one.
 
     Args:
@@ -80,7 +66,8 @@ def report_tool(
     partly = fitted & np.asarray((facing & ~inside).any(axis=1))
     statuses[partly] = "partially_out_of_volume"
     rotations, translations, rms_error_mm = poses
-    return ToolReports(statuses, fitted, Poses.unchecked(rotations, translations), rms_error_mm)
+    Ts_tracker_marker = Poses.unchecked(rotations, translations)
+    return ToolColumn(geometry.tool, statuses.tolist(), fitted, Ts_tracker_marker, rms_error_mm)
 
 
 def _keep(poses: tuple[Floats, Floats, Floats], rows: Ints, fits: ManyFits) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from rona_core.devices.marker_geometry import GEOMETRIES, MarkerGeometry
 from rona_core.devices.protocols import Clock
-from rona_core.devices.samples import LateSamples, ToolSample, TrackerFrame
+from rona_core.devices.samples import LateSamples, ToolColumn, TrackerFrame
 from rona_core.devices.settings import TOOLS, TrackerSettings
 from rona_core.errors import DeviceError
 from rona_core.geometry.arrays import Bools, Floats, Ints
@@ -23,7 +23,7 @@ from rona_core.virtual.tracker.faults import drift_mm, dropped, swapped_markers
 from rona_core.virtual.tracker.late_column import LateColumn
 from rona_core.virtual.tracker.marker_error import in_volume, marker_error
 from rona_core.virtual.tracker.occlusion import Sight
-from rona_core.virtual.tracker.reporting_rules import ToolReports, report_tool
+from rona_core.virtual.tracker.reporting_rules import report_tool
 
 FACING_LIMIT_RAD = np.deg2rad(60.0)  # flat markers are lost beyond this angle to the line of sight
 HYSTERESIS_RAD = np.deg2rad(2.0)  # and found again this much earlier
@@ -72,7 +72,7 @@ def observe(
     settings: TrackerSettings,
     seed: int,
     conditions: ViewConditions = UNDISTURBED,
-) -> ToolReports:
+) -> ToolColumn:
     """Return what a tracker measures in n frames of a tool that really is at ``Ts_tracker_marker``.
 
     Args:
@@ -122,17 +122,6 @@ def white_numbers(seed: int, device: str, ordinal: int, numbers: Ints) -> dict[s
         tool: column.reshape(len(numbers), -1, 3)
         for tool, column in zip(TOOLS, columns, strict=True)
     }
-
-
-def tool_samples(tool: str, reports: ToolReports) -> list[ToolSample]:
-    """Return what n frames hold of a tool."""
-    poses, rms_mm = reports.Ts_tracker_marker, reports.rms_error_mm.tolist()
-    return [
-        ToolSample(tool, status, poses[i], rms_mm[i]) if fitted else ToolSample(tool, status)
-        for i, (status, fitted) in enumerate(
-            zip(reports.statuses, reports.fitted.tolist(), strict=True)
-        )
-    ]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -244,18 +233,18 @@ class VirtualTracker:
 
     def _samples(
         self, tool: str, numbers: Ints, white: Floats, sight: Sight | None
-    ) -> Callable[[], list[ToolSample]]:
+    ) -> Callable[[], ToolColumn]:
         """Return what gives the samples of a tool; poses are those of now, the rest can wait."""
         settings, seed, ordinal, share = self._settings, self._seed, self._ordinal, self._share
         if tool in settings.hidden_tools:
-            return lambda: [ToolSample(tool, "covered")] * len(numbers)
+            return lambda: ToolColumn.unseen(tool, "covered", len(numbers))
         Ts = self._world.Ts_tracker_marker(tool, self._measured_s(numbers))
         if Ts is None:
-            return lambda: [ToolSample(tool, "out_of_view")] * len(numbers)
+            return lambda: ToolColumn.unseen(tool, "out_of_view", len(numbers))
         geometry = GEOMETRIES[tool]
         facing = self._facing(geometry, Ts, numbers)
 
-        def measured() -> list[ToolSample]:
+        def measured() -> ToolColumn:
             conditions = ViewConditions(
                 facing,
                 None if sight is None else sight(tool, Ts),
@@ -263,7 +252,7 @@ class VirtualTracker:
                 swapped_markers(settings, geometry, seed, ordinal, numbers),
                 share,
             )
-            return tool_samples(tool, observe(geometry, Ts, white, settings, seed, conditions))
+            return observe(geometry, Ts, white, settings, seed, conditions)
 
         return measured
 

@@ -7,11 +7,12 @@ from rona_core.devices.samples import (
     JointSample,
     JointTrack,
     LateSamples,
+    ToolColumn,
     ToolSample,
     ToolTrack,
     TrackerFrame,
 )
-from rona_core.geometry.pose import Pose
+from rona_core.geometry.pose import Pose, Poses
 from tests.helpers.strategies import random_pose
 
 
@@ -57,14 +58,16 @@ def test_late_samples_are_a_sequence_and_only_what_is_asked_for_is_worked_out():
     def column(tool):
         def samples():
             asked.append(tool)
-            return [ToolSample(tool, "ok", Pose.identity(), 0.1 * row) for row in range(3)]
+            poses, seen = Poses.stack([Pose.identity()] * 3), np.array([True, False, True])
+            return ToolColumn(tool, ["ok", "missing", "ok"], seen, poses, 0.1 * np.arange(3.0))
 
         return samples
 
     late = LateSamples({tool: column(tool) for tool in ("a", "b", "c")}, row=2)
     assert (len(late), asked) == (3, [])
-    assert late.named("b").rms_error_mm == 0.2
-    assert (late.named("nobody"), asked) == (None, ["b"])
+    assert late.column("b")[late.row].rms_error_mm == 0.2
+    assert late.column("b")[1].T_tracker_marker is None
+    assert (late.column("nobody"), asked) == (None, ["b", "b"])
     assert TrackerFrame(2, 0.1, late).tool("c").tool == "c"
     assert [one.tool for one in late] == ["a", "b", "c"]
     assert [one.tool for one in late[1:]] == ["b", "c"]

@@ -23,7 +23,7 @@ FACE_HALF = 1.1  # slightly beyond the edge of a cube's face
 CANDIDATES_PER_CHART = 160  # slopes along each side from which the search for a point starts
 NEWTON_STEPS = 30
 AT_ONCE = 2048  # points that are looked for together: derivatives of all take much memory
-TOLERANCE_MM = 1e-7  # nearer, rounding decides which step is refused
+LAST_MM = 1e-5  # a step this short ends the search: what is left is its square over the head
 LEAST_BEND = 1e-3  # smallest curvature of the squared distance, over the size of the metric
 
 
@@ -207,7 +207,7 @@ def _descend(chart: Chart, v: Floats, slopes: Floats) -> Floats:
         rows = busy[better]
         slopes[rows], points[rows], squares[rows] = trial[better], p[better], square[better]
         first[rows], second[rows], off[rows] = f[better], s[better], o[better]
-        busy = busy[moved > TOLERANCE_MM]
+        busy = busy[moved > LAST_MM]
         if not len(busy):
             break
     return points

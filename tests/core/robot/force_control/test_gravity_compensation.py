@@ -61,7 +61,7 @@ def test_the_weight_is_taken_off_in_every_orientation(seed, force_n):
     axis = rng.normal(size=3)
     axis /= np.linalg.norm(axis)
     touched = weight_wrench(load, rotation) + np.concatenate((-force_n * axis, rng.normal(size=3)))
-    assert pressing_force_n(load, rotation, touched, axis) == pytest.approx(force_n, abs=1e-9)
+    assert pressing_force_n(load, rotation[2], touched, axis) == pytest.approx(force_n, abs=1e-9)
 
 
 def test_two_newton_of_weight_would_be_felt_without():

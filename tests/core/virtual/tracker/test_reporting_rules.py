@@ -34,7 +34,7 @@ def decided(geometry, *, facing=(), inside=(), clear=(), shift=None, swapped=Non
         clear=flags(count, *clear)[None],
         swapped=None if swapped is None else np.array([swapped]),
     )
-    pose = seen.Ts_tracker_marker[0] if seen.fitted[0] else None
+    pose = seen.Ts_tracker_marker[0] if seen.seen[0] else None
     return SimpleNamespace(status=seen.statuses[0], pose=pose, rms_error_mm=seen.rms_error_mm[0])
 
 

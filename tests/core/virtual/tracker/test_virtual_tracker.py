@@ -181,14 +181,14 @@ def test_covering_one_tool_does_not_change_the_noise_of_another():
 def test_why_a_tool_is_not_seen(pose, status):
     seen = observed("toolmarker", pose)
     assert seen.statuses[0] == status
-    assert not seen.fitted[0]
+    assert not seen.seen[0]
 
 
 @pytest.mark.parametrize(("tilt_deg", "visible"), [(55.0, True), (65.0, False)])
 def test_flat_markers_are_lost_beyond_sixty_degrees(tilt_deg, visible):
     tilt = Rotation.from_rotvec((np.deg2rad(tilt_deg), 0, 0)).as_matrix()
     pose = Pose(tilt @ FACING.rotation, FACING.translation)
-    assert observed("pointer6d", pose).fitted[0] == visible
+    assert observed("pointer6d", pose).seen[0] == visible
 
 
 def test_three_of_four_markers_are_enough_and_exact():
