@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from rona_core.robot.planning.plan import RobotPlan
     from rona_core.session.document import Session
 
-EVERY = 2  # points of a path, 1 mm apart: a face feels 6 mm of bone
 PATTERN = "GenerateScanPattern"  # the message that makes a path that nobody demonstrated
 
 
@@ -87,10 +86,9 @@ def normal_figures(path: "Path5D", truth: Truth) -> Figures:
     The true one is that of the bone below the probe's crystal.
     """
     radius_mm = probe_model(truth.scene.settings.probe).aperture_radius_mm
-    points, axes = path.points_base[::EVERY], path.axes_base[::EVERY]
-    normals = truth.face_normals(points, radius_mm)
-    cosine = -(axes * normals).sum(axis=1)
-    sine = np.linalg.norm(np.cross(axes, normals), axis=1)
+    normals = truth.face_normals(path.points_base, radius_mm)
+    cosine = -(path.axes_base * normals).sum(axis=1)
+    sine = np.linalg.norm(np.cross(path.axes_base, normals), axis=1)
     angles_deg = np.rad2deg(np.arctan2(sine, cosine))
     return {
         "normal_error_median_deg": float(np.median(angles_deg)),
