@@ -216,8 +216,7 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
     "force_guard": {
         "suites.implant.force_guard.SEEDS": (),
         "suites.implant.force_guard.FILES": (DEMO,),
-        "suites.implant.force_guard.IMPLANTS": ("BCI 602",),
-        "suites.implant.force_guard.FURTHER": 0,
+        "suites.implant.force_guard.BEDS": {"Osia/Baha screw": 1},
     },
     "bed_lines": {
         "suites.implant.bed_lines.SEEDS": (),

@@ -5,7 +5,7 @@ lift: at these less bone is to spare. How the robot mills is planned for the fir
 are milled with the roll of that plan.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -60,24 +60,19 @@ class AcceptedBed:
 
 
 def rehearsed_beds(
-    number: int,
-    session: Session,
-    implants: tuple[ImplantName, ...],
-    further: int,
-    generator: Generator,
+    number: int, session: Session, beds: Mapping[ImplantName, int], generator: Generator
 ) -> Iterator[AcceptedBed]:
     """Yield rehearsals of the accepted beds of a patient.
 
     Args:
         number: Of the patient.
         session: With maps, and the burr registered.
-        implants: That are searched a bed for.
-        further: Beds of each of them beside the one that is found.
-        generator: Draws their places.
+        beds: How many of each implant at most, the one that the search finds among them.
+        generator: Draws the places of the others.
     """
     verdict: RollVerdict | None = None
     count = 0
-    for aimed, searched in accepted(session, implants, further, generator):
+    for aimed, searched in accepted(session, beds, generator):
         if verdict is None:
             plan = milling_plan_of(planned(aimed))
             if plan is None or not plan.may_move:
@@ -93,10 +88,10 @@ def rehearsed_beds(
 
 
 def accepted(
-    session: Session, implants: tuple[ImplantName, ...], further: int, generator: Generator
+    session: Session, beds: Mapping[ImplantName, int], generator: Generator
 ) -> Iterator[tuple[Session, bool]]:
     """Yield the session with each accepted bed, and whether that is the one of the search."""
-    for name in implants:
+    for name, most in beds.items():
         aimed = _searched(session, name)
         if aimed is None:
             continue
@@ -104,7 +99,7 @@ def accepted(
         if held.refusal is not None:
             continue
         yield aimed, True
-        for other in _further(session, held, name, further, generator):
+        for other in _further(session, held, name, most - 1, generator):
             yield other, False
 
 

@@ -7,7 +7,7 @@ milled as planned: all along its way at least the limit of true bone is below th
 stop by the force is a false one. Nothing of the force guard was tuned on these seeds.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -24,8 +24,8 @@ from rona_core.session.files import load_session
 
 SEEDS = range(40_540, 40_648)
 FILES: tuple[Path, ...] = ()  # sessions with virtual devices that count as well
-IMPLANTS: tuple[ImplantName, ...] = ("BCI 602", "BCI 601", "CI receiver")
-FURTHER = 2  # beds of each implant beside the one that the search finds
+# implant -> beds of it at most, the one that the search finds among them
+BEDS: Mapping[ImplantName, int] = {"BCI 602": 2, "CI receiver": 2, "Osia/Baha screw": 4}
 MOST_FALSE = 0.01  # share of beds
 NEAR_MM = 2.0  # of true bone: beds that leave less are told apart
 SPARE_MM = 0.3  # of bone below a burr that was stopped in another bed: for nothing as well
@@ -45,7 +45,7 @@ def run(progress: Progress) -> list[Metric]:
 def of_patient(number: int, session: Session) -> list[AcceptedBed]:
     """Return the rehearsed beds of a patient with maps; their places follow from its seed."""
     generator = np.random.default_rng(session.setup.seed)
-    return list(rehearsed_beds(number, with_burr(session), IMPLANTS, FURTHER, generator))
+    return list(rehearsed_beds(number, with_burr(session), BEDS, generator))
 
 
 def _sessions(progress: Progress) -> Iterator[Session]:
@@ -74,6 +74,7 @@ def figures(found: Sequence[AcceptedBed]) -> Iterator[Metric]:
     yield Metric(f"of these with less than {NEAR_MM:g} mm of true bone", float(near), "", "higher")
     for name in STOPPING:
         yield from _false(name, kept)
+        yield from _of_implants(name, kept)
         yield from _others(name, found)
 
 
@@ -93,6 +94,14 @@ def _false(name: str, kept: Sequence[AcceptedBed]) -> Iterator[Metric]:
     yield Metric(f"{title}: patients with one ({some} of {patients})", share, "1", "lower")
     most = max(one.guarded[name].most_through for one in kept)
     yield Metric(f"{name}: most that the burr was said to be through", most, "1", "lower")
+
+
+def _of_implants(name: str, kept: Sequence[AcceptedBed]) -> Iterator[Metric]:
+    """Yield false stops implant by implant: in the hole of a screw there is little to be felt."""
+    for implant in sorted({one.implant for one in kept}):
+        own = [one.guarded[name].stopped for one in kept if one.implant == implant]
+        title = f"{name}, {implant}: false stops ({sum(own)} of {len(own)})"
+        yield Metric(title, sum(own) / len(own), "1", "lower")
 
 
 def _others(name: str, found: Sequence[AcceptedBed]) -> Iterator[Metric]:
