@@ -22,7 +22,7 @@ from rona_core.errors import RonaError
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
 
-SEEDS = range(40_540, 40_648)
+SEEDS = range(40_540, 40_613)
 FILES: tuple[Path, ...] = ()  # sessions with virtual devices that count as well
 # implant -> beds of it at most, the one that the search finds among them
 BEDS: Mapping[ImplantName, int] = {"BCI 602": 2, "CI receiver": 2, "Osia/Baha screw": 4}
