@@ -50,6 +50,7 @@ SUITES: Mapping[str, str] = {
     "placement": "implant",
     "beds": "implant",
     "rehearsal": "implant",
+    "force_guard": "implant",
     "bed_lines": "implant",
 }
 Case = Literal["default", "full", "smallest"]

@@ -213,6 +213,11 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
         "suites.implant.rehearsal.FILES": (DEMO,),
         "suites.implant.rehearsal.DEEP_BEDS": 0,
     },
+    "force_guard": {
+        "suites.implant.force_guard.SEEDS": (),
+        "suites.implant.force_guard.FILES": (DEMO,),
+        "suites.implant.force_guard.BEDS": {"Osia/Baha screw": 1},
+    },
     "bed_lines": {
         "suites.implant.bed_lines.SEEDS": (),
         "suites.implant.bed_lines.FILES": (DEMO,),

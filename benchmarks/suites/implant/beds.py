@@ -18,8 +18,7 @@ from benchmarks.suites.implant import patient_beds
 from benchmarks.suites.implant.patient_beds import Patient, Search, Trial
 from benchmarks.suites.implant.placement import interval
 from benchmarks.suites.procedure.procedure import SKULLS, data_folder
-from rona_core.app.steps.implant.burr.messages import StartBurrCapture
-from rona_core.compose import DemoSkull, build_virtual_rig, new_workbench, run_demo
+from rona_core.compose import DemoSkull, build_virtual_rig, run_demo
 from rona_core.devices.world_settings import REALISTIC_WORLD
 from rona_core.errors import RonaError
 from rona_core.evaluation.truth import truth_of
@@ -58,19 +57,7 @@ def _patients(progress: Progress) -> Iterator[Patient]:
     for number, session in enumerate(_sessions(progress)):
         if session.results.maps is not None:
             truth = truth_of(session, build_virtual_rig(session.setup).scene)
-            yield Patient(number, _with_burr(session), truth)
-
-
-def _with_burr(session: Session) -> Session:
-    """Return a session with its burr registered, as beds are laid; a replayed one has it."""
-    if session.results.get("burr") is not None:
-        return session
-    bench = new_workbench(session)
-    try:
-        bench.run(StartBurrCapture())
-        return bench.session
-    finally:
-        bench.close()
+            yield Patient(number, patient_beds.with_burr(session), truth)
 
 
 def _sessions(progress: Progress) -> Iterator[Session]:

@@ -14,6 +14,7 @@ from numpy.random import Generator
 from scipy.special import ndtri
 
 from rona_core.app.steps.implant.burr.derivation import known_burr
+from rona_core.app.steps.implant.burr.messages import StartBurrCapture
 from rona_core.app.steps.implant.derivation import (
     LIFT_STEP_MM,
     derive_search,
@@ -25,6 +26,7 @@ from rona_core.app.steps.implant.implant_bed import ImplantBed
 from rona_core.app.steps.implant.messages import ImplantName, StartBedSearch
 from rona_core.app.steps.implant.view import FLOOR_MM
 from rona_core.app.steps.maps.accuracy.probe_place import repeatability_mm
+from rona_core.compose import new_workbench
 from rona_core.devices.protocols import never
 from rona_core.errors import InvalidInputError
 from rona_core.evaluation.maps.bed_metrics import residual_mm
@@ -86,6 +88,18 @@ class Search:
     implant: str
     accepted: bool
     best: Trial | None
+
+
+def with_burr(session: Session) -> Session:
+    """Return a session with its burr registered, as beds are laid; a replayed one has it."""
+    if session.results.get("burr") is not None:
+        return session
+    bench = new_workbench(session)
+    try:
+        bench.run(StartBurrCapture())
+        return bench.session
+    finally:
+        bench.close()
 
 
 def drawn_beds(patient: Patient, generator: Generator, count: int) -> Iterator[Trial]:

@@ -77,7 +77,7 @@ def rehearsed(
     held = session.results.get("bed")
     if held is None or held.value.placed is None or held.value.refusal is not None:
         return
-    with_plan = _planned(session)
+    with_plan = planned(session)
     plan = milling_plan_of(with_plan)
     if plan is None or not plan.may_move:
         return
@@ -90,7 +90,11 @@ def rehearsed(
         verdict = plan.verdicts[plan.chosen]
         raised, scan = RaisedMilling(aimed, verdict.roll_deg), FloorScan(aimed)
         try:
-            task = _task(aimed, verdict, raised, scan) if bed else milling_task(aimed, raised, scan)
+            task = (
+                task_with_roll(aimed, verdict, raised, scan)
+                if bed
+                else milling_task(aimed, raised, scan)
+            )
         except RonaError:
             continue  # the deeper bed has no path, or no posture there
         for name in GUARDS:
@@ -103,12 +107,13 @@ def rehearsed(
             )
 
 
-def _planned(session: Session) -> Session:
+def planned(session: Session) -> Session:
+    """Return the session with the milling of its bed planned."""
     bench = new_workbench(session)
     bench.run(PlanMilling())
-    planned = bench.session
+    with_plan = bench.session
     bench.close()
-    return planned
+    return with_plan
 
 
 def _rehearsed(number: int, session: Session, task: MillingTask, name: str, bed: int) -> Rehearsed:
@@ -143,17 +148,17 @@ def _too_deep(
     """Return the session with a bed there that leaves a drawn residual; None: no lift does."""
     wanted = float(generator.uniform(*TOO_DEEP_MM))
     for name in IMPLANTS:
-        deepest = _laid(session, held, placed.placement, name, 0.0)
+        deepest = laid(session, held, placed.placement, name, 0.0)
         if deepest is None:
             continue
         lift_mm = wanted - deepest[1]
         if 0.0 <= lift_mm <= MOST_LIFT_MM:
-            laid = _laid(session, held, placed.placement, name, lift_mm)
-            return None if laid is None else laid[0]
+            found = laid(session, held, placed.placement, name, lift_mm)
+            return None if found is None else found[0]
     return None
 
 
-def _laid(
+def laid(
     session: Session, held: ImplantBed, place: Placement, name: ImplantName, lift_mm: float
 ) -> tuple[Session, float] | None:
     """Return the session with a bed at a place, and what it leaves by the maps; None: not known."""
@@ -170,12 +175,12 @@ def _laid(
         lift_mm=lift_mm,
     )
     aimed = compute_result(message, session)
-    laid: Any = aimed.results.more["bed"].value
-    left = None if laid.placed is None else laid.placed.residual_mm
+    bed: Any = aimed.results.more["bed"].value
+    left = None if bed.placed is None else bed.placed.residual_mm
     return None if left is None else (aimed, float(left))
 
 
-def _task(
+def task_with_roll(
     session: Session, verdict: RollVerdict, raised: RaisedMilling, scan: FloorScan
 ) -> MillingTask:
     """Return a rehearsal with a roll that does for another bed at the same place."""
