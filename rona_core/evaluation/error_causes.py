@@ -122,10 +122,11 @@ def _thickness(first: _FirstPass, truth: Truth) -> Figures:
     sure = maps.inner_used[:n] & np.isfinite(true) & (np.abs(measured - depth) < WRONG_MM)
     if np.count_nonzero(sure) < LEAST_SAMPLES:
         return {}
-    mean = float(1.0 / np.mean(1.0 / true[sure]))
+    off = taken / true - 1.0  # of the speed, which with reference points differs by place too
+    mean = float(off[sure].mean())
     parts = {
-        "speed": depth * (taken / mean - 1.0),
-        "place": depth * taken * (1.0 / true - 1.0 / mean),
+        "speed": depth * mean,
+        "place": depth * (off - mean),
         "echo": measured - depth * taken / true,
     }
     figures = {f"thickness_by_{cause}_mm": rms(part[sure]) for cause, part in parts.items()}

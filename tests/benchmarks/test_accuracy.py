@@ -71,3 +71,14 @@ def test_a_survey_lies_in_rows_on_a_dome():
     assert len(np.unique(samples[:, 0])) == map_cost.SIDE_MM / map_cost.PITCH_MM
     assert np.ptp(np.diff(np.unique(samples[:, 1]))) < 1e-9
     assert samples[:, 2].max() < 1.0
+
+
+def test_a_budget_of_few_numbers_is_held_to_what_honest_predictions_keep():
+    sizes = np.r_[np.full(15, 0.1), np.full(5, 0.2)]
+    drawn = sizes * np.random.default_rng(0).normal(size=(100_000, 20))
+    shares = np.sqrt(np.mean(sizes**2) / np.mean(drawn**2, axis=1))
+    least, most = accuracy.budget_goal(list(sizes), 20)
+    assert np.mean((shares >= least) & (shares <= most)) == pytest.approx(0.95, abs=0.01)
+    assert accuracy.budget_goal(list(sizes), 10)[1] > most  # two skulls of each patient
+    assert accuracy.budget_goal([0.1] * 2000, 2000) == (0.8, 1.2)
+    assert accuracy.budget_goal(list(sizes), None) == (0.8, 1.2)

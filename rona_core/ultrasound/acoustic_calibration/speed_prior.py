@@ -2,9 +2,11 @@
 
 Means of studies, through bone of which 45 % is diploe, at 2.25 MHz and in mm/us: 2.55 (Aubry 2022),
 2.69 (Pichardo 2011), 2.71 (Fry 1978), 2.82 (White 2006). Which of them holds for a patient nobody
-knows, and patients of one study differ: pieces of skull by 1.4 % (White 2006), pieces of cortical
-bone of 17 people by 7 % (Mathieu 2013). Places of one patient differ by 1.4 % at least, as those
-pieces do, and by up to 5 %, where a diploe 15 to 20 % slower takes 0.2 to 0.7 of the thickness.
+knows, and pieces of bone of one study differ: of skull by 1.4 % (White 2006), of cortical bone by
+7 % (17 pieces, Mathieu 2013). Places of one patient differ by 1.4 % at least, as if those pieces of
+skull were one patient's, and by up to 5 %, where a diploe 15 to 20 % slower takes 0.2 to 0.7 of the
+thickness. A piece is a place of a patient: what pieces differ by holds places in it, and patients
+have the rest.
 """
 
 from dataclasses import dataclass, field
@@ -16,12 +18,25 @@ from rona_core.ultrasound.detection.detect import NOMINAL_SPEED_MM_PER_US
 
 STUDY_MEANS_MM_PER_US = (2.55, 2.69, 2.71, 2.82)
 STUDIES_SHARE = float(np.std(STUDY_MEANS_MM_PER_US, ddof=1) / np.mean(STUDY_MEANS_MM_PER_US))
-PATIENT_SHARES = (0.014, 0.07)  # of patients about the mean of their study, least and most
+PIECE_SHARES = (0.014, 0.07)  # of pieces about the mean of their study, least and most
 PLACE_SHARES = (0.014, 0.05)  # of places about the mean of their patient, least and most
-PATIENTS_SHARE = float(np.hypot(STUDIES_SHARE, np.sqrt(np.prod(PATIENT_SHARES))))
-# the two ends of a range are taken for two standard deviations of a logarithm to either side
-LOCAL_LOG_SD = float(np.log(PLACE_SHARES[1] / PLACE_SHARES[0]) / 4.0)
-LOCAL_SHARE = float(np.sqrt(np.prod(PLACE_SHARES)) * np.exp(LOCAL_LOG_SD**2))  # RMS
+
+
+def _log_sd(least: float, most: float) -> float:
+    """Return a range as a logarithm's deviation: its ends are two of them to either side."""
+    return float(np.log(most / least) / 4.0)
+
+
+def _rms(least: float, most: float) -> float:
+    """Return the RMS of a spread that lies in a range."""
+    return float(np.sqrt(least * most) * np.exp(_log_sd(least, most) ** 2))
+
+
+LOCAL_LOG_SD = _log_sd(*PLACE_SHARES)
+LOCAL_SHARE = _rms(*PLACE_SHARES)
+# of patients about the mean of their study: what places leave of pieces
+PATIENT_SHARE = float(np.sqrt(_rms(*PIECE_SHARES) ** 2 - LOCAL_SHARE**2))
+PATIENTS_SHARE = float(np.hypot(STUDIES_SHARE, PATIENT_SHARE))  # nobody knows whose study holds
 LOCAL_LENGTH_MM = 20.0  # over which the diploe's share, and with it the speed, changes
 TIMING_US = 0.03  # of all lags together: what is not known of the pulse and of rough boundaries
 PLAUSIBLE_MM_PER_US = (2.1, 3.3)  # from trabecular bone alone to the stiffest cortex

@@ -40,3 +40,37 @@ def test_waves_have_their_variance_within_a_face_about_its_plane():
         expected = max(np.sqrt(np.mean(rest**2)), ROUGHNESS_MM)
         assert measured == pytest.approx(expected, rel=0.15, abs=0.005)
     assert found.max() > 0.06
+
+
+def test_bone_between_rows_is_rougher_than_its_map():
+    random = np.random.default_rng(4)
+    waves = random.normal(0.0, 2.0 * np.pi / 14.0, (60, 2))
+    phases = random.uniform(0.0, 2.0 * np.pi, 60)
+
+    def bone(u, v):
+        angles = waves[:, 0, None] * u.ravel() + waves[:, 1, None] * v.ravel() + phases[:, None]
+        return (0.4 / np.sqrt(60.0) * np.cos(angles).sum(axis=0)).reshape(u.shape)
+
+    rows = np.meshgrid(np.arange(-20.0, 20.1, 5.0), np.arange(-20.0, 20.1, 0.5), indexing="ij")
+    u, v = (axis.ravel() for axis in rows)
+    plate = fit_field(np.column_stack((u, v)), bone(u, v))
+    ok = np.ones((len(AT), len(AT)), dtype=np.bool_)
+    boundary = BoundaryMap(Pose.identity(), AT, AT, np.zeros(ok.shape), ok)
+    found = np.sqrt(np.mean(np.square(roughness_term(boundary, plate, FACE_MM).own_mm)))
+    fine = np.linspace(-FACE_MM / 2.0, FACE_MM / 2.0, 21)
+    x, y = (axis.ravel() for axis in np.meshgrid(fine, fine))
+    x, y = (axis[np.hypot(x, y) <= FACE_MM / 2.0] for axis in (x, y))
+    plane = np.column_stack((np.ones(len(x)), x, y))
+
+    def true_mm(heights):
+        """Return the RMS departure from planes, given heights at places (n, 2)."""
+        at = np.array([(a, b) for a in AT for b in AT])
+        over = np.array([heights(a + x, b + y) for a, b in at]).T
+        rest = over - plane @ np.linalg.lstsq(plane, over, rcond=None)[0]
+        return np.sqrt(np.mean(rest**2))
+
+    def of_map(a, b):
+        return plate.departures(np.column_stack((a, b)))
+
+    assert true_mm(of_map) < 0.9 * true_mm(bone)
+    assert found == pytest.approx(true_mm(bone), rel=0.1)

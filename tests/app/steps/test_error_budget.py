@@ -53,6 +53,13 @@ def test_the_causes_in_truth_make_up_the_error_of_the_samples(demo, figures):
     assert 2.0 * max(parts) - sum(parts) - 0.03 < whole < sum(parts) + 0.03
 
 
+def test_the_mean_speed_is_what_it_is_off_by_in_the_mean(demo, figures):
+    found = demo.results.detection.value
+    depth = found.thickness_mm[found.inner_ok]
+    expected = abs(figures["sound_speed_error_percent"]) / 100.0 * np.sqrt(np.mean(depth**2))
+    assert figures["thickness_by_speed_mm"] == pytest.approx(expected, rel=0.15, abs=0.003)
+
+
 def test_without_maps_no_cause_is_known():
     empty = Session()
     figures = evaluate_virtual(empty, build_virtual_rig(empty.setup))

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from rona_core.geometry.arrays import Floats
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
     calibrate_speed,
     speed_at,
@@ -10,6 +11,8 @@ from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
     uncalibrated,
 )
 from rona_core.ultrasound.acoustic_calibration.speed_prior import (
+    LOCAL_SHARE,
+    PATIENT_SHARE,
     PATIENTS_SHARE,
     PUBLISHED,
     STUDIES_SHARE,
@@ -21,6 +24,18 @@ HERE = np.array([[0.0, 0.0]])
 FAR = np.array([[200.0, 0.0]])
 EVERYWHERE = 300.0 * np.arange(2000.0)[:, None]
 NOMINAL = PUBLISHED.mean_mm_per_us
+
+
+def _drawn(least: float, most: float) -> Floats:
+    """Return variances of which the range of deviations holds all but what is beyond 2 of them."""
+    low, high = np.log((least, most))
+    logs = np.random.default_rng(0).normal((low + high) / 2.0, (high - low) / 4.0, 20_000)
+    return np.exp(2.0 * logs)
+
+
+def test_what_pieces_of_bone_differ_by_is_patients_and_places_together():
+    pieces = np.sqrt(np.mean(_drawn(0.014, 0.07)))
+    assert np.hypot(PATIENT_SHARE, LOCAL_SHARE) == pytest.approx(pieces, rel=0.02)
 
 
 def test_the_published_prior_is_as_wide_as_what_studies_differ_by():

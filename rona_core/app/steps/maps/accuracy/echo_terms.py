@@ -15,6 +15,8 @@ ROWS = "scan closer rows, or a second pass"
 NEAREST = 6  # A-scans whose time of flight counts at a cell
 ROUGHNESS = "roughness within the beam"
 PLACES = 24  # evenly over a face, at which a plate is looked at
+DRAWS = 16  # of a plate, which tell how much rougher the bone is than its map
+AT_ONCE = 4000  # cells, all of whose draws take 15 MB
 UNHEARD = "inner boundary not heard"
 UNHEARD_MM = 0.4  # where no place around was heard, both parts together
 UNHEARD_REACH_MM = 2.0  # places this far away count as around, and errors hang together
@@ -62,18 +64,23 @@ def sampling_terms(
 def roughness_term(boundary: BoundaryMap, surface: PlateField, face_mm: float) -> ErrorTerm:
     """Return what cells add since an A-scan hears all the bone below its face, not one place.
 
-    By how much the map itself departs from a plane within a face, less the dome of the whole: bone
-    that is seen to be rough is no less so where nobody looks, and none is as smooth as its map.
+    By how much the bone departs from a plane within a face, less the dome of the whole: bone that
+    is seen to be rough is no less so where nobody looks, and none is as smooth as its map. The
+    variance of the bone is that of the map, its mean, and that of draws about it.
     """
     order = np.arange(PLACES)
     radii = face_mm / 2.0 * np.sqrt((order + 0.5) / PLACES)
     turns = order * np.pi * (3.0 - np.sqrt(5.0))  # as the seeds of a sunflower lie
     face = np.column_stack((radii * np.cos(turns), radii * np.sin(turns)))
-    places = cells_map(boundary)[:, :2]
-    over = np.array([surface.departures(places + one) for one in face])
-    plane = np.column_stack((np.ones(PLACES), face))
-    rest = over - plane @ np.linalg.lstsq(plane, over, rcond=None)[0]
-    varies = np.mean(rest**2, axis=0).reshape(boundary.height_mm.shape)
+    plane = np.linalg.qr(np.column_stack((np.ones(PLACES), face)))[0]
+    cells, found = cells_map(boundary)[:, :2], []
+    for start in range(0, len(cells), AT_ONCE):
+        places = (face[:, None] + cells[start : start + AT_ONCE]).reshape(-1, 2)
+        drawn = surface.draws(places, DRAWS, np.random.default_rng(0)) - surface.heights(places)
+        over = np.vstack((surface.departures(places), drawn)).reshape(1 + DRAWS, PLACES, -1)
+        squares = np.sum(over**2, axis=1) - np.sum((plane.T @ over) ** 2, axis=1)
+        found.append((squares[0] + squares[1:].mean(axis=0)) / PLACES)
+    varies = np.maximum(np.concatenate(found), 0.0).reshape(boundary.height_mm.shape)
     return ErrorTerm(ROUGHNESS, own_mm=np.maximum(np.sqrt(varies), ROUGHNESS_MM))
 
 
