@@ -50,7 +50,7 @@ class ToolColumn:
 
     @classmethod
     def of_one(cls, sample: ToolSample) -> "ToolColumn":
-        """Return the column of a single frame."""
+        """Return the column of a single frame; an RMS error that is not known counts as 0."""
         pose = sample.T_tracker_marker
         return cls(
             sample.tool,
@@ -115,14 +115,16 @@ class TrackerFrame:
 
     def tool(self, name: str) -> ToolSample | None:
         """Return the sample of one tool, or None if the tracker does not know it."""
-        column, row = self.column(name)
-        return None if column is None else column[row]
+        if isinstance(self.tools, LateSamples):
+            column = self.tools.column(name)
+            return None if column is None else column[self.tools.row]
+        return next((sample for sample in self.tools if sample.tool == name), None)
 
     def column(self, name: str) -> tuple[ToolColumn | None, int]:
         """Return the column in which a tool stands, None if there is none, and the row."""
         if isinstance(self.tools, LateSamples):
             return self.tools.column(name), self.tools.row
-        sample = next((sample for sample in self.tools if sample.tool == name), None)
+        sample = self.tool(name)
         return None if sample is None else ToolColumn.of_one(sample), 0
 
 

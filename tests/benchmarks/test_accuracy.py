@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.suites.accuracy import accuracy, gap_fusion, judged_maps, map_cost
+from rona_core.app.steps.maps.accuracy.error_budget import OUTER, THICKNESS
 from rona_core.compose import build_virtual_rig
 from rona_core.evaluation.truth import truth_of
 from rona_core.session.document import Session
@@ -82,3 +83,7 @@ def test_a_budget_of_few_numbers_is_held_to_what_honest_predictions_keep():
     assert accuracy.budget_goal(list(sizes), 10)[1] > most  # two skulls of each patient
     assert accuracy.budget_goal([0.1] * 2000, 2000) == (0.8, 1.2)
     assert accuracy.budget_goal(list(sizes), None) == (0.8, 1.2)
+
+
+def test_causes_that_are_one_number_a_session_are_titles_of_the_budget():
+    assert set(accuracy.ONE_A_SESSION) < {title for title, _, _ in (*OUTER, *THICKNESS)}

@@ -101,6 +101,12 @@ class PlateField:
 
     def draws(self, places_mm: Floats, count: int, generator: Generator) -> Floats:
         """Return heights (count, m) at places (m, 2), drawn from what is known of the field."""
+        drawn = self.drawn_errors(places_mm, count, generator)
+        drawn += self.heights(places_mm)
+        return drawn
+
+    def drawn_errors(self, places_mm: Floats, count: int, generator: Generator) -> Floats:
+        """Return what draws (count, m) at places (m, 2) are off from the heights of the field."""
         white = generator.standard_normal((self.nodes_mm.size, count))
         unknown = generator.standard_normal((self.loadings_mm.shape[1], count))
         operator, drawn = self.grid.operator(places_mm), np.zeros((count, len(places_mm)))
@@ -108,7 +114,6 @@ class PlateField:
             some = slice(start, start + AT_ONCE)
             fields = self.factor.spread(white[:, some]) + self.loadings_mm @ unknown[:, some]
             drawn[some] = (operator @ fields).T
-        drawn += self.heights(places_mm)
         return drawn
 
     @cached_property

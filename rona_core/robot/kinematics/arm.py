@@ -74,8 +74,8 @@ class Arm(Protocol):
         """Return ``Ts_base_flange`` for joint angles (n, 6) in radians."""
         ...
 
-    def up(self, q_rad: Floats) -> Floats:
-        """Return z of ``base`` (3,) in ``flange`` for one posture (6,): where weight points from.
+    def up_flange(self, q_rad: Floats) -> Floats:
+        """Return z of ``base`` (3,) in ``flange`` for one posture (6,): against gravity.
 
         A control loop wants it every period: it takes a tenth of the time of ``forward``, and
         nothing is checked.

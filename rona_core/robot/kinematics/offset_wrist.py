@@ -84,7 +84,7 @@ class ParallelArm:
         rotations = about_z(qs[:, 0]) @ about_y(wrist) @ about_z(qs[:, 4]) @ about_y(qs[:, 5])
         return Poses(rotations @ FLANGE, centers + self.flange_mm * rotations[:, :, 1])
 
-    def up(self, q_rad: Floats) -> Floats:
+    def up_flange(self, q_rad: Floats) -> Floats:
         """Return z of ``base`` (3,) in ``flange`` for one posture (6,)."""
         _, q2, q3, q4, q5, q6 = q_rad.tolist()
         return up_after_turns((q2 + RIGHT_RAD + q3 + q4 + RIGHT_RAD, q5, q6)) @ FLANGE

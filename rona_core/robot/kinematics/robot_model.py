@@ -79,9 +79,9 @@ class RobotModel:
         """Return ``Ts_base_flange`` for joint angles (n, 6) in radians."""
         return self.arm.forward(qs_rad)
 
-    def up(self, q_rad: Floats) -> Floats:
+    def up_flange(self, q_rad: Floats) -> Floats:
         """Return z of ``base`` (3,) in ``flange`` for one posture (6,)."""
-        return self.arm.up(q_rad)
+        return self.arm.up_flange(q_rad)
 
     def inverse(self, Ts_base_flange: Poses) -> IkSolutions:
         """Return every joint vector that brings the flange to each pose."""

@@ -52,7 +52,7 @@ class SphericalWristArm:
         rotations = rotations @ about_z(qs[:, 3]) @ about_y(qs[:, 4]) @ about_z(qs[:, 5])
         return Poses.unchecked(rotations, wrists_base + self.flange_mm * rotations[:, :, 2])
 
-    def up(self, q_rad: Floats) -> Floats:
+    def up_flange(self, q_rad: Floats) -> Floats:
         """Return z of ``base`` (3,) in ``flange`` for one posture (6,)."""
         _, q2, q3, *wrist = q_rad.tolist()
         return up_after_turns((q2 + q3, *wrist))

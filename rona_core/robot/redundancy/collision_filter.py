@@ -13,6 +13,7 @@ from rona_core.errors import NotReachableError
 from rona_core.geometry.arrays import Floats
 from rona_core.robot.collision.collision_world import CollisionWorld
 from rona_core.robot.collision.edge_check import Clear
+from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.redundancy.constant_roll import Pair, RollEvaluation
 from rona_core.robot.redundancy.infeasibility import FailureCause, verdict_on
 from rona_core.robot.trajectory.lines_back import (
@@ -44,7 +45,7 @@ def remove_blocked_rolls(
     stretches = np.floor(evaluation.path.arc_length_mm() / CHECK_MM)
     checked = np.unique(np.append(np.unique(stretches, return_index=True)[1], last))
     refused: dict[Pair, Cause] = {}
-    free: list[tuple[Pair, Floats]] = []  # that touch nothing: joint angles (2, 6) at both ends
+    free: dict[Pair, Floats] = {}  # that touch nothing: joint angles (2, 6) at both ends
     for pair in evaluation.ranked:
         curve = evaluation.rolls.on_branch(pair.index, pair.branch).qs_rad.T
         hit = -1 if world is None else world.first_hit(curve[checked])
@@ -55,25 +56,28 @@ def remove_blocked_rolls(
                 _collision(q, w),
             )
         else:
-            free.append(((pair.index, pair.branch), curve[[0, last]]))
-    for place in (0, last):
-        free = [one for one in free if one[0] not in refused]
-        refused |= _held(evaluation, free, place, None if world is None else world.clear)
+            free[pair.index, pair.branch] = curve[[0, last]]
+    clear = None if world is None else world.clear
+    for end, place in enumerate((0, last)):
+        starts = {pair: qs[end] for pair, qs in free.items() if pair not in refused}
+        for pair, error in _not_retracted(evaluation.model, starts, clear).items():
+            refused[pair] = lambda p=place, e=error: (p, no_way(str(e)))
     return remove_rolls(evaluation, refused)
 
 
-def _held(
-    evaluation: RollEvaluation, free: list[tuple[Pair, Floats]], place: int, clear: Clear | None
-) -> dict[Pair, Cause]:
-    """Return the rolls with which the probe cannot be retracted from the first or last point."""
-    refused: dict[Pair, Cause] = {}
-    starts = np.array([ends[min(place, 1)] for _, ends in free])
-    lines = lines_back(evaluation.model, starts, LEAST_STANDOFF_MM) if free else []
-    for (pair, _), line in zip(free, lines, strict=True):
+def _not_retracted(
+    model: RobotModel, starts: Mapping[Pair, Floats], clear: Clear | None
+) -> dict[Pair, NotReachableError]:
+    """Return the rolls with which the probe cannot be retracted from postures (6,), and why."""
+    if not starts:
+        return {}
+    refused: dict[Pair, NotReachableError] = {}
+    lines = lines_back(model, np.array(list(starts.values())), LEAST_STANDOFF_MM)
+    for pair, line in zip(starts, lines, strict=True):
         try:
             require_standoff(clear_part(line, clear)[1])
         except NotReachableError as error:
-            refused[pair] = lambda e=error: (place, no_way(str(e)))
+            refused[pair] = error
     return refused
 
 

@@ -104,7 +104,7 @@ class VirtualForceSensor:
         if looks > 0:
             self._spring.advance(self._depths_mm(now_s - _ago_s(looks)))
             self._until_s = now_s
-        wrench = self._by_up @ self._robot_model.up(self._q_at(now_s))
+        wrench = self._by_up @ self._robot_model.up_flange(self._q_at(now_s))
         wrench -= self._spring.shown_n * self._by_touch
         wrench += self.offset
         wrench[:3] += self._drift * now_s / 60.0

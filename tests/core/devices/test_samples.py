@@ -52,6 +52,13 @@ def test_a_tool_that_was_never_seen_gives_an_empty_track():
     assert frames()[1][0].tool("toolmarker") is None
 
 
+def test_what_is_not_known_of_a_fit_stays_unknown_in_a_frame():
+    sample = ToolSample("pointer6d", "ok", Pose.identity())
+    frame = TrackerFrame(0, 0.0, (sample,))
+    assert frame.tool("pointer6d") is sample
+    assert ToolTrack.from_frames("pointer6d", [frame]).rms_error_mm.tolist() == [0.0]
+
+
 def test_late_samples_are_a_sequence_and_only_what_is_asked_for_is_worked_out():
     asked = []
 

@@ -153,8 +153,8 @@ class ContactLoop:
         if now_s > self.joints[-1].time_s:
             self.joints.append(state)
         sample = self._context.rig.force.read()
-        up = self._model.up(state.q_rad)
-        force_n = pressing_force_n(self._load, up, sample.wrench, self._axis_sensor)
+        up_sensor = self._model.up_flange(state.q_rad)
+        force_n = pressing_force_n(self._load, up_sensor, sample.wrench, self._axis_sensor)
         travel_mm = self._motion.travel_mm()
         lifting = reached_s >= self._trajectory.scan_end_s - 1e-9
         if lifting and self._controller.state != STOPPED:

@@ -12,10 +12,10 @@ from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
 )
 from rona_core.ultrasound.acoustic_calibration.speed_prior import (
     LOCAL_SHARE,
-    PATIENT_SHARE,
     PATIENTS_SHARE,
     PUBLISHED,
     STUDIES_SHARE,
+    WITHIN_STUDY_SHARE,
     SpeedPrior,
 )
 from rona_core.ultrasound.acoustic_calibration.speed_uncertainty import speed_uncertainty
@@ -35,7 +35,7 @@ def _drawn(least: float, most: float) -> Floats:
 
 def test_what_pieces_of_bone_differ_by_is_patients_and_places_together():
     pieces = np.sqrt(np.mean(_drawn(0.014, 0.07)))
-    assert np.hypot(PATIENT_SHARE, LOCAL_SHARE) == pytest.approx(pieces, rel=0.02)
+    assert np.hypot(WITHIN_STUDY_SHARE, LOCAL_SHARE) == pytest.approx(pieces, rel=0.02)
 
 
 def test_the_published_prior_is_as_wide_as_what_studies_differ_by():

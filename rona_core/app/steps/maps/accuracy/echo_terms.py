@@ -76,7 +76,7 @@ def roughness_term(boundary: BoundaryMap, surface: PlateField, face_mm: float) -
     cells, found = cells_map(boundary)[:, :2], []
     for start in range(0, len(cells), AT_ONCE):
         places = (face[:, None] + cells[start : start + AT_ONCE]).reshape(-1, 2)
-        drawn = surface.draws(places, DRAWS, np.random.default_rng(0)) - surface.heights(places)
+        drawn = surface.drawn_errors(places, DRAWS, np.random.default_rng(0))
         over = np.vstack((surface.departures(places), drawn)).reshape(1 + DRAWS, PLACES, -1)
         squares = np.sum(over**2, axis=1) - np.sum((plane.T @ over) ** 2, axis=1)
         found.append((squares[0] + squares[1:].mean(axis=0)) / PLACES)
