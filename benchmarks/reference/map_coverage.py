@@ -48,12 +48,7 @@ def _total_mm(accuracy: MapAccuracy, name: str) -> Floats:
 
 def _terms_of(terms: MapTerms, name: str) -> list[ErrorTerm]:
     """Return the causes of one map; the robot's fall out where it uses the map itself."""
-    causes = {
-        "outer": terms.outer,
-        "fused": terms.fused,
-        "inner": (*terms.outer, *terms.thickness),
-        "thickness": terms.thickness,
-    }[name.removesuffix("_same_robot")]
+    causes: tuple[ErrorTerm, ...] = getattr(terms, name.removesuffix("_same_robot"))
     return [term for term in causes if not (name.endswith("_same_robot") and term.of_robot)]
 
 

@@ -26,7 +26,7 @@ from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
 
-SEEDS = range(40_540, 40_648)
+SEEDS = range(40_760, 40_868)
 SKULL_SEEDS = range(38_050, 38_053)
 FILES: tuple[Path, ...] = ()  # sessions with virtual devices that count as well
 BEDS = 12  # drawn on each patient

@@ -99,14 +99,11 @@ class PlateField:
         """
         return np.clip(self.grid.operator(places_mm) @ self.shares, 0.0, 1.0)
 
-    def draws(self, places_mm: Floats, count: int, generator: Generator) -> Floats:
-        """Return heights (count, m) at places (m, 2), drawn from what is known of the field."""
-        drawn = self.drawn_errors(places_mm, count, generator)
-        drawn += self.heights(places_mm)
-        return drawn
-
     def drawn_errors(self, places_mm: Floats, count: int, generator: Generator) -> Floats:
-        """Return what draws (count, m) at places (m, 2) are off from the heights of the field."""
+        """Return by how much fields (count, m) at places (m, 2) differ from the heights.
+
+        They are drawn from what is known of the field.
+        """
         white = generator.standard_normal((self.nodes_mm.size, count))
         unknown = generator.standard_normal((self.loadings_mm.shape[1], count))
         operator, drawn = self.grid.operator(places_mm), np.zeros((count, len(places_mm)))

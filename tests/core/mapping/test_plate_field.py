@@ -129,7 +129,7 @@ def test_draws_scatter_as_it_is_unsure():
     places = rows_of_a_scan(8)
     found = fit_field(places, field(1)(places))
     at = np.round(np.random.default_rng(2).uniform(-18, 18, (60, 2)))
-    drawn = found.draws(at, 600, np.random.default_rng(3))
+    drawn = found.heights(at) + found.drawn_errors(at, 600, np.random.default_rng(3))
     np.testing.assert_allclose(drawn.std(axis=0), found.sigmas_mm(at), rtol=0.15, atol=1e-4)
     off = (drawn.mean(axis=0) - found.heights(at)) / found.sigmas_mm(at)
     assert rms(off) * np.sqrt(600) < 1.3

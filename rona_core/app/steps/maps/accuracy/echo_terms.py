@@ -57,7 +57,13 @@ def sampling_terms(
             mean_error_mm(timing, boundary, face_mm),
             reach_mm=face_mm / 2.0,
         ),
-        ErrorTerm(INTERPOLATION, apart, mean_error_mm(apart, boundary, face_mm), remedy=ROWS),
+        ErrorTerm(
+            INTERPOLATION,
+            apart,
+            mean_error_mm(apart, boundary, face_mm),
+            remedy=ROWS,
+            reach_mm=face_mm / 2.0,
+        ),
     )
 
 

@@ -33,8 +33,8 @@ THICKNESS: tuple[Group, ...] = (
     ("Speed of sound, place", ("speed of sound at the place",), "thickness_by_place_mm"),
     ("Each echo: timing", ("time of flight",), "thickness_by_echo_mm"),
     (
-        "Between A-scans",
-        ("interpolation", "inner boundary not heard"),
+        "Between A-scans and within the beam",
+        ("interpolation", "inner boundary not heard", "roughness within the beam"),
         "thickness_by_interpolation_mm",
     ),
 )

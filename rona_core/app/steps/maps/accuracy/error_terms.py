@@ -1,6 +1,6 @@
 """Causes of the errors of a map, and the standard deviation that each of them adds."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,8 +9,8 @@ from scipy.special import ndtr
 from rona_core.geometry.arrays import Bools, Floats, readonly
 
 # Grooves or crests are where a Gaussian field is more than so many deviations high, as deep as it
-# exceeds that: one place in six has some.
-HIDDEN_FROM = 1.0
+# exceeds that: one place in fifteen has some.
+HIDDEN_FROM = 1.5
 _ABOVE = float(ndtr(-HIDDEN_FROM))  # share of places, and density at the edge
 _EDGE = float(np.exp(-0.5 * HIDDEN_FROM**2) / np.sqrt(2.0 * np.pi))
 _MEAN = _EDGE - HIDDEN_FROM * _ABOVE
@@ -77,25 +77,6 @@ class CellSigma:
     def whole_shared_mm(self) -> Floats:
         """Return the standard deviation (nu, nv) of what all cells have in common."""
         return np.hypot(self.shared_mm, self.robot_shared_mm)
-
-
-def merged(*groups: Iterable[ErrorTerm]) -> tuple[ErrorTerm, ...]:
-    """Return the terms of several groups; those of one cause become one."""
-    found: dict[str, ErrorTerm] = {}
-    for term in (term for group in groups for term in group):
-        before = found.get(term.cause)
-        if before is not None:
-            term = ErrorTerm(
-                term.cause,
-                np.hypot(before.own_mm, term.own_mm),
-                np.hypot(before.shared_mm, term.shared_mm),
-                term.of_robot,
-                term.remedy,
-                max(before.reach_mm, term.reach_mm),
-                before.hidden or term.hidden,
-            )
-        found[term.cause] = term
-    return tuple(found.values())
 
 
 def summed(terms: Sequence[ErrorTerm], ok: Bools) -> CellSigma:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.app.steps.maps.accuracy.error_terms import CellSigma, merged, summed
+from rona_core.app.steps.maps.accuracy.error_terms import CellSigma, summed
 from rona_core.app.steps.maps.accuracy.map_terms import SPEED, MapTerms, map_terms
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.mapping.boundary_map import Maps
@@ -67,7 +67,7 @@ def _summed(maps: Maps, terms: MapTerms) -> MapAccuracy:
     outer_ok, inner_ok = maps.outer.ok, maps.inner.ok & maps.outer.ok
     return MapAccuracy(
         outer=summed(terms.outer, outer_ok),
-        inner=summed(merged(terms.outer, terms.thickness), inner_ok),
+        inner=summed(terms.inner, inner_ok),
         fused=summed(terms.fused, outer_ok),
         thickness=summed(terms.thickness, inner_ok),
     )

@@ -1,19 +1,19 @@
 """Maps as they may be: draws from all that is unknown of both boundaries, for who plans in them.
 
 Each cause of error is drawn by itself: what all cells share as one number, what a cell has for
-itself as a Gaussian field over the reach of its cause, and what is unknown between the samples from
-the plate through them. The inner boundary of a draw never crosses its outer one.
+itself as a Gaussian field over the reach of its cause. The inner boundary of a draw never crosses
+its outer one.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.random import Generator
+from scipy.special import ndtri
 
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.steps.maps.accuracy.echo_terms import INTERPOLATION
 from rona_core.app.steps.maps.accuracy.error_terms import ErrorTerm, hidden_depths
 from rona_core.app.steps.maps.accuracy.map_terms import POINTS, map_terms
 from rona_core.errors import InvalidInputError, StaleResultError
@@ -21,7 +21,6 @@ from rona_core.geometry.arrays import Floats, readonly
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.mapping.build_maps import LEAST_THICKNESS_MM
 from rona_core.mapping.fitting.gaussian_field import field_root
-from rona_core.mapping.fitting.plate_field import PlateField
 from rona_core.session.document import Session
 
 MOST_DRAWS = 1000
@@ -69,25 +68,24 @@ def draw_maps(
     if terms is None or reason is not None:
         raise StaleResultError(f"the maps are stale: {reason or 'they are of other A-scans'}")
     generator = np.random.default_rng(seed)
-    kept = [term for term in terms.outer if not (same_robot and term.of_robot)]
-    outer = _drawn(maps.outer, kept, count, generator)
-    _add_plate(outer, maps.outer, terms.outer_plate, generator)
-    outer += maps.outer.height_mm
+    carried = [term for term in terms.place if not (same_robot and term.of_robot)]
+    place = _drawn(maps.outer, carried, count, generator)
+    place += maps.outer.height_mm
+    outer = place + _drawn(maps.outer, terms.front, count, generator)
     # another scan errs alike by what reference points alone can mend: the speed of sound
-    lasting = [term for term in terms.thickness if term.remedy == POINTS]
-    passing = [term for term in terms.thickness if not (term.remedy == POINTS or term.hidden)]
+    lasting = [term for term in terms.depth if term.remedy == POINTS]
+    passing = [term for term in terms.depth if not (term.remedy == POINTS or term.hidden)]
     reread = _drawn(maps.outer, passing, count, generator)
     signs = np.where(grooves | (generator.random(count) < 0.5), -1.0, 1.0)
-    for term in terms.thickness:
+    for term in terms.depth:
         if term.hidden:
             reread += _hidden(maps.outer, term, signs, generator)
     reread += maps.thickness_mm()
     inner = _drawn(maps.outer, lasting, count, generator)  # of the speed, so far
-    if terms.thickness_plate is not None:
-        _add_plate(reread, maps.outer, terms.thickness_plate, generator)
     inner += reread
     np.maximum(inner, LEAST_THICKNESS_MM, out=inner)
-    np.subtract(outer, inner, out=inner)
+    np.subtract(place, inner, out=inner)
+    np.minimum(inner, outer - LEAST_THICKNESS_MM, out=inner)
     return MapDraws(maps, readonly(outer), readonly(inner), readonly(reread))
 
 
@@ -97,42 +95,53 @@ def _drawn(
     count: int,
     generator: Generator,
 ) -> Floats:
-    """Return errors (count, nu, nv) by causes."""
+    """Return errors (count, nu, nv) by causes; nothing of one that is not known at all."""
     shape = grid.height_mm.shape
-    errors = np.zeros((count, *shape))
+    errors, squares = np.zeros((count, *shape)), dict[float, Floats]()
     for term in terms:
-        shared = generator.standard_normal((count, 1, 1))
-        along_u, along_v = _roots(grid, term)
-        for start in range(0, count, AT_ONCE):
-            some = errors[start : start + AT_ONCE]
-            some += np.broadcast_to(term.shared_mm, shape) * shared[start : start + AT_ONCE]
-            if term.cause != INTERPOLATION:
-                field = along_u @ generator.standard_normal(some.shape) @ along_v.T
-                some += np.broadcast_to(term.own_mm, shape) * field
+        if np.any(term.shared_mm):
+            for some, shared in _blocks(errors, _spread_normals(count, generator)):
+                some += term.shared_mm * shared[:, None, None]
+        own = np.nan_to_num(np.broadcast_to(term.own_mm, shape), posinf=0.0)
+        squares[term.reach_mm] = squares.get(term.reach_mm, 0.0) + own**2
+    for reach_mm, square in squares.items():  # fields of one reach add up to a field
+        roots, own = _roots(grid, reach_mm), np.sqrt(square)
+        for (some,) in _blocks(errors):
+            some += own * _fields(roots, len(some), generator)
     return errors
 
 
-def _add_plate(errors: Floats, grid: BoundaryMap, plate: PlateField, generator: Generator) -> None:
-    """Add to errors (n, nu, nv) what is unknown of a plate between its samples."""
-    u, v = np.meshgrid(grid.u_mm, grid.v_mm, indexing="ij")
-    places = np.column_stack((u.ravel(), v.ravel()))
-    drawn = plate.draws(places, len(errors), generator)
-    drawn -= plate.heights(places)
-    errors += drawn.reshape(errors.shape)
+def _spread_normals(count: int, generator: Generator) -> Floats:
+    """Return standard normal numbers (count,), one of each part of as many that are equally likely.
+
+    So few draws have the spread of many (Latin hypercube, McKay 1979).
+    """
+    return ndtri((generator.permutation(count) + generator.random(count)) / count)
 
 
 def _hidden(grid: BoundaryMap, term: ErrorTerm, signs: Floats, generator: Generator) -> Floats:
     """Return what hides where nothing was heard (n, nu, nv), with the sign (n,) of each draw."""
-    along_u, along_v = _roots(grid, term)
-    off_mm = np.hypot(term.own_mm, term.shared_mm)
+    off_mm, roots = np.hypot(term.own_mm, term.shared_mm), _roots(grid, term.reach_mm)
     errors = np.zeros((len(signs), *grid.height_mm.shape))
-    for start in range(0, len(signs), AT_ONCE):
-        some = errors[start : start + AT_ONCE]
-        field = along_u @ generator.standard_normal(some.shape) @ along_v.T
-        some[...] = signs[start : start + AT_ONCE, None, None] * off_mm * hidden_depths(field)
+    for some, their in _blocks(errors, signs):
+        depths = hidden_depths(_fields(roots, len(some), generator))
+        some[...] = their[:, None, None] * off_mm * depths
     return errors
 
 
-def _roots(grid: BoundaryMap, term: ErrorTerm) -> tuple[Floats, Floats]:
-    """Return roots of how the errors of a cause hang together along both axes."""
-    return field_root(grid.u_mm, term.reach_mm), field_root(grid.v_mm, term.reach_mm)
+def _roots(grid: BoundaryMap, reach_mm: float) -> tuple[Floats, Floats]:
+    """Return roots of how errors of a reach hang together along both axes."""
+    return field_root(grid.u_mm, reach_mm), field_root(grid.v_mm, reach_mm)
+
+
+def _fields(roots: tuple[Floats, Floats], count: int, generator: Generator) -> Floats:
+    """Return Gaussian fields (count, nu, nv) of variance 1 with these roots of their covariance."""
+    along_u, along_v = roots
+    white = generator.standard_normal((count, len(along_u), len(along_v)))
+    return along_u @ white @ along_v.T
+
+
+def _blocks(*arrays: Floats) -> Iterator[tuple[Floats, ...]]:
+    """Yield some rows of all arrays at a time."""
+    for start in range(0, len(arrays[0]), AT_ONCE):
+        yield tuple(array[start : start + AT_ONCE] for array in arrays)

@@ -15,6 +15,7 @@ from scipy.interpolate import RectBivariateSpline
 from rona_core.app.steps.acoustics.thickness_uncertainty import speed_of_maps
 from rona_core.app.steps.maps.accuracy.echo_terms import (
     INTERPOLATION,
+    ROUGHNESS,
     ROWS,
     cells_map,
     mean_error_mm,
@@ -62,14 +63,29 @@ POINTS = "measure the bone at three reference points (step 9)"
 class MapTerms:
     """Causes of error of the outer boundary, of the fused one and of the thickness.
 
-    The plates are those that the maps are made of; that of the thickness is None without samples.
+    An echo tells how far the inner boundary lies from the probe. By what the bone above it departs
+    from what a front echo says, the thickness errs too, and the inner boundary does not.
     """
 
-    outer: tuple[ErrorTerm, ...]
+    place: tuple[ErrorTerm, ...]  # where the probe was, which all boundaries share
+    front: tuple[ErrorTerm, ...]  # of front echoes, and of what lies between and below them
     fused: tuple[ErrorTerm, ...]
     thickness: tuple[ErrorTerm, ...]
-    outer_plate: PlateField
-    thickness_plate: PlateField | None
+
+    @property
+    def outer(self) -> tuple[ErrorTerm, ...]:
+        """Those of the outer boundary."""
+        return (*self.front, *self.place)
+
+    @property
+    def depth(self) -> tuple[ErrorTerm, ...]:
+        """Those of the way that an echo takes through the bone."""
+        return tuple(term for term in self.thickness if term.cause != ROUGHNESS)
+
+    @property
+    def inner(self) -> tuple[ErrorTerm, ...]:
+        """Those of the inner boundary."""
+        return (*self.place, *self.depth)
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,9 +164,9 @@ def _terms(
     outer_sigma = found[0].outer_sigma_mm[maps.outer_used[:n]]  # of the first pass alone
     face_mm = 2.0 * probe_model(samples.probe).aperture_radius_mm
     plate = plate_through(outer_map)
-    rest = (roughness_term(maps.outer, plate, face_mm), *place.of_cells(maps))
-    outer = (*sampling_terms(maps.outer, plate, plate, outer_sigma, face_mm), *rest)
-    fused = _fused_terms(maps, outer, plate, cloud)
+    rough, carried = roughness_term(maps.outer, plate, face_mm), place.of_cells(maps)
+    front = (*sampling_terms(maps.outer, plate, plate, outer_sigma, face_mm), rough)
+    fused = _fused_terms(maps, (*front, *carried), plate, cloud)
     between_map = T_map_base @ maps.inner_points_base[maps.inner_used]
     between_map[:, 2] = _heights_at(maps.outer, between_map) - between_map[:, 2]
     timing = np.concatenate([one.thickness_sigma_mm for one in found])[maps.inner_used]
@@ -163,6 +179,7 @@ def _terms(
     thickness = (
         *sampling_terms(maps.inner, between, between, timing, face_mm),
         unheard_term(maps, T_map_base),
+        rough,
         ErrorTerm(SPEED, shared_mm=depth * shared.reshape(depth.shape), remedy=POINTS),
         ErrorTerm(
             "speed of sound at the place",
@@ -171,7 +188,7 @@ def _terms(
             reach_mm=LOCAL_LENGTH_MM,
         ),
     )
-    return MapTerms(outer, fused, thickness, plate, between)
+    return MapTerms(carried, front, fused, thickness)
 
 
 def _fused_terms(
@@ -188,9 +205,8 @@ def _fused_terms(
     shape, places = maps.outer.height_mm.shape, cells_map(maps.outer)[:, :2]
     share = joined.plate.weights(places).reshape(shape)
     apart = joined.plate.sigmas_mm(places).reshape(shape)
-    between = ErrorTerm(
-        INTERPOLATION, apart, mean_error_mm(apart, maps.outer, PATCH_MM), remedy=ROWS
-    )
+    mean_mm = mean_error_mm(apart, maps.outer, PATCH_MM)
+    between = ErrorTerm(INTERPOLATION, apart, mean_mm, remedy=ROWS, reach_mm=PATCH_MM / 2.0)
     kept = [
         term if term.of_robot else replace(term, own_mm=share * term.own_mm)
         for term in outer
