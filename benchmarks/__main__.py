@@ -46,6 +46,7 @@ SUITES: Mapping[str, str] = {
     "speed": "procedure",
     "honesty": "honesty",
     "accuracy": "accuracy",
+    "map_ranks": "accuracy",
     "implant": "implant",
     "placement": "implant",
     "beds": "implant",

@@ -21,6 +21,10 @@ DEFAULT: Mapping[str, Mapping[str, Any]] = {
         "suites.accuracy.accuracy.NOMINAL_SEEDS": range(37_100, 37_102),
         "suites.accuracy.accuracy.SKULL_SEEDS": range(37_200, 37_201),
     },
+    "map_ranks": {
+        "suites.accuracy.map_ranks.SEEDS": range(21_000, 21_006),
+        "suites.accuracy.map_ranks.SKULL_SEEDS": (),
+    },
     "placement": {
         "suites.implant.placement.ROUND_SEEDS": range(38_000, 38_003),
         "suites.implant.placement.OBLONG_SEEDS": (),

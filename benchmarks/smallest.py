@@ -201,6 +201,11 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
         "suites.implant.placement.REGION_MM": 22.0,
         "suites.implant.placement.SMALL_MM": 34.0,
     },
+    "map_ranks": {
+        "suites.accuracy.map_ranks.SEEDS": (),
+        "suites.accuracy.map_ranks.SKULL_SEEDS": (),
+        "suites.accuracy.map_ranks.FILES": (DEMO,),
+    },
     "beds": {
         "suites.implant.beds.SEEDS": (),
         "suites.implant.beds.SKULL_SEEDS": (),

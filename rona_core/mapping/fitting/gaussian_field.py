@@ -1,6 +1,8 @@
 """Gaussian fields over a grid, whose covariance is the product of one along each axis."""
 
 import numpy as np
+from numpy.random import Generator
+from scipy.special import ndtri
 
 from rona_core.geometry.arrays import Floats
 
@@ -19,3 +21,11 @@ def field_root(at_mm: Floats, reach_mm: float) -> Floats:
     apart = (at_mm[:, None] - at_mm) / reach_mm
     values, vectors = np.linalg.eigh(np.exp(-0.5 * apart**2))
     return vectors * np.sqrt(np.maximum(values, 0.0))  # far from regular: no Cholesky
+
+
+def spread_normals(count: int, generator: Generator) -> Floats:
+    """Return standard normal numbers (count,), one of each of as many equally likely ranges.
+
+    So a few of them have the spread of many (Latin hypercube, McKay 1979).
+    """
+    return ndtri((generator.permutation(count) + generator.random(count)) / count)

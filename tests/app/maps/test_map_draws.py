@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 
 from rona_core.app.runtime.session_step import Undo
+from rona_core.app.steps.maps.accuracy.echo_terms import UNHEARD
 from rona_core.app.steps.maps.accuracy.error_terms import HIDDEN_ALIKE, hidden_depths
 from rona_core.app.steps.maps.accuracy.map_accuracy import map_accuracy
 from rona_core.app.steps.maps.accuracy.map_draws import MOST_DRAWS, draw_maps
 from rona_core.app.steps.maps.accuracy.map_terms import map_terms
 from rona_core.app.steps.setup.messages import SetProbe
-from rona_core.compose import new_workbench
+from rona_core.compose import build_virtual_rig, new_workbench
 from rona_core.errors import InvalidInputError, StaleResultError, StepBlockedError
+from rona_core.evaluation.maps.map_errors import cell_errors_mm
+from rona_core.evaluation.truth import truth_of
 from rona_core.mapping.build_maps import LEAST_THICKNESS_MM
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
@@ -61,6 +64,41 @@ def test_what_all_cells_share_moves_the_whole_map(demo, drawn):
     assert of_map > 0.9 * np.linalg.norm(shared)
 
 
+def test_what_a_front_echo_errs_by_moves_the_thickness_and_not_the_inner_boundary(demo):
+    """Bone that is rough within the beam, or that timing puts too high, is so above alone."""
+    draws = draw_maps(demo, 200, 8, same_robot=True)
+    maps = draws.maps
+    outer, inner = draws.outer_mm - maps.outer.height_mm, draws.inner_mm - maps.inner.height_mm
+    both = maps.outer.ok & maps.inner.ok
+    beside = both[1:] & both[:-1]
+
+    def steps(errors):  # between neighbours: without what all cells share
+        return (errors[:, 1:] - errors[:, :-1])[:, beside].ravel()
+
+    above, below = steps(outer), steps(inner)
+    size = above @ above
+    assert abs(above @ below) / size < 0.3  # where the probe was moves both
+    assert above @ (above - below) / size == pytest.approx(1.0, abs=0.3)
+
+
+def test_bone_between_two_cells_is_no_rougher_in_draws_than_their_errors_are(demo):
+    """On this bone the truth may be asked: where it was heard, draws may not be three times so."""
+    draws = draw_maps(demo, 100, 9, same_robot=True)
+    maps = draws.maps
+    truth = truth_of(demo, build_virtual_rig(demo.setup).scene)
+    errors = cell_errors_mm(maps, truth)["inner_same_robot"]
+    (unheard,) = (t for t in map_terms(demo).thickness if t.cause == UNHEARD)
+    heard = np.isfinite(errors) & (np.hypot(unheard.own_mm, unheard.shared_mm) < 0.03)
+    beside = heard[1:] & heard[:-1]
+    assert beside.sum() > 100
+    drawn = draws.inner_mm - maps.inner.height_mm
+
+    def roughness_mm2(off):
+        return np.mean(np.square((off[..., 1:, :] - off[..., :-1, :])[..., beside])) / 2.0
+
+    assert 0.5 < roughness_mm2(drawn) / roughness_mm2(np.where(heard, errors, 0.0)) < 2.5
+
+
 def test_the_inner_boundary_is_never_outside_the_outer_one(demo):
     maps = demo.results.maps.value
     thin = replace(maps.inner, height_mm=maps.outer.height_mm - 0.3)
@@ -85,7 +123,7 @@ def test_hidden_depths_have_their_rms_and_what_they_share():
     field = np.random.default_rng(0).standard_normal(2_000_000)
     depths = hidden_depths(field)
     assert depths.min() == 0.0
-    assert np.count_nonzero(depths) / len(depths) == pytest.approx(1.0 / 6.3, rel=0.02)
+    assert np.count_nonzero(depths) / len(depths) == pytest.approx(1.0 / 15.0, rel=0.02)
     assert np.sqrt(np.mean(depths**2)) == pytest.approx(1.0, rel=0.01)
     assert depths.mean() == pytest.approx(HIDDEN_ALIKE, rel=0.01)
 

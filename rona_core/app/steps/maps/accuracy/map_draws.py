@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.random import Generator
-from scipy.special import ndtri
 
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.dependencies.staleness import stale_reason
@@ -20,7 +19,7 @@ from rona_core.errors import InvalidInputError, StaleResultError
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.mapping.build_maps import LEAST_THICKNESS_MM
-from rona_core.mapping.fitting.gaussian_field import field_root
+from rona_core.mapping.fitting.gaussian_field import field_root, spread_normals
 from rona_core.session.document import Session
 
 MOST_DRAWS = 1000
@@ -100,7 +99,7 @@ def _drawn(
     errors, squares = np.zeros((count, *shape)), dict[float, Floats]()
     for term in terms:
         if np.any(term.shared_mm):
-            for some, shared in _blocks(errors, _spread_normals(count, generator)):
+            for some, shared in _blocks(errors, spread_normals(count, generator)):
                 some += term.shared_mm * shared[:, None, None]
         own = np.nan_to_num(np.broadcast_to(term.own_mm, shape), posinf=0.0)
         squares[term.reach_mm] = squares.get(term.reach_mm, 0.0) + own**2
@@ -109,14 +108,6 @@ def _drawn(
         for (some,) in _blocks(errors):
             some += own * _fields(roots, len(some), generator)
     return errors
-
-
-def _spread_normals(count: int, generator: Generator) -> Floats:
-    """Return standard normal numbers (count,), one of each part of as many that are equally likely.
-
-    So few draws have the spread of many (Latin hypercube, McKay 1979).
-    """
-    return ndtri((generator.permutation(count) + generator.random(count)) / count)
 
 
 def _hidden(grid: BoundaryMap, term: ErrorTerm, signs: Floats, generator: Generator) -> Floats:

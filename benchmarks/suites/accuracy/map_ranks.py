@@ -1,0 +1,138 @@
+"""Why sigmas of the maps tell no better where a map is wrong: their rank, step by step.
+
+Rank is the correlation (Spearman) of the local sigma and the size of the local error of the cells
+of a map. Normal errors with these sigmas have the highest; then errors of the patient itself,
+shuffled among cells of a like sigma, with the shape that they have. The last is the best order that
+was found in what the program observes, fitted to other patients. The seeds were tuned with: this
+explains, it judges nothing, and no figure has a goal.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.metric import Metric, Progress
+from benchmarks.reference.map_coverage import parts
+from benchmarks.suites.accuracy.observed_cells import cell_observables
+from benchmarks.suites.honesty.design import session_of
+from benchmarks.suites.honesty.judged import over_draws, rank_correlation
+from benchmarks.suites.procedure.procedure import SKULLS, data_folder
+from benchmarks.suites.ultrasound.observed_order import best_ranks
+from rona_core.app.steps.maps.accuracy.error_terms import ErrorTerm
+from rona_core.app.steps.maps.accuracy.map_terms import map_terms
+from rona_core.compose import DemoSkull, build_virtual_rig, run_demo
+from rona_core.devices.world_settings import REALISTIC_WORLD
+from rona_core.errors import RonaError
+from rona_core.evaluation.maps.map_errors import cell_errors_mm
+from rona_core.evaluation.truth import truth_of
+from rona_core.geometry.arrays import Floats
+from rona_core.session.document import Session
+from rona_core.session.files import load_session
+from rona_core.session.specimen import SimulatedSkull
+
+SEEDS = (*range(21_000, 21_024), *range(40_650, 40_695))
+SKULL_SEEDS = (*range(10_000, 10_003), *range(37_200, 37_203))
+FILES: tuple[Path, ...] = ()  # sessions with virtual devices that count as well
+QUANTITIES = ("outer_same_robot", "fused_same_robot", "inner", "inner_same_robot", "thickness")
+CELLS = 400  # of a map that are looked at
+LEAST_CELLS = 100  # that make a map
+CLASSES = 6  # of the sigma, each with as many cells
+NORMAL = "normal errors of these sigmas"
+SHAPE = "its own errors, shuffled among like sigmas"
+AS_IS = "as it is"
+BEST = "best order of what is observed"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cells:
+    """Cells (n,) of a map of one session: local errors and sigmas in mm, and observables."""
+
+    errors_mm: Floats
+    sigmas_mm: Floats
+    observed: Floats  # (n, k) logarithms
+
+
+def run(progress: Progress) -> list[Metric]:
+    """Return the mean rank correlation over sessions, step by step, for each map."""
+    simulated: dict[str, list[Cells]] = {name: [] for name in QUANTITIES}
+    skulls: dict[str, list[Cells]] = {name: [] for name in QUANTITIES}
+    for session in _sessions(progress):
+        group = simulated if isinstance(session.setup.specimen, SimulatedSkull) else skulls
+        for name, cells in cells_of(session):
+            group[name].append(cells)
+    return [
+        metric
+        for name in QUANTITIES
+        for metric in figures(name.replace("_", " "), simulated[name], skulls[name])
+    ]
+
+
+def _sessions(progress: Progress) -> Iterator[Session]:
+    for seed in SEEDS:
+        progress(f"simulated, seed {seed}")
+        try:
+            yield session_of(seed)
+        except RonaError as error:
+            progress(f"simulated, seed {seed}: refused: {error}")
+    paths = [data_folder() / name for name in SKULLS]
+    there = [DemoSkull(str(path)) for path in paths if path.is_file()]
+    for skull, seed in product(there, SKULL_SEEDS):
+        progress(f"{skull.name}, seed {seed}")
+        yield run_demo(seed, skull, world=REALISTIC_WORLD)[0]
+    for path in FILES:
+        progress(path.name)
+        yield load_session(path)
+
+
+def cells_of(session: Session) -> Iterator[tuple[str, Cells]]:
+    """Yield what is looked at of each map of a session with virtual devices."""
+    made, terms = session.results.maps, map_terms(session)
+    if made is None or terms is None or not made.value.inner.ok.any():
+        return
+    errors = cell_errors_mm(made.value, truth_of(session, build_virtual_rig(session.setup).scene))
+    for name in QUANTITIES:
+        known = np.isfinite(errors[name])
+        if np.count_nonzero(known) < LEAST_CELLS:
+            continue
+        causes: tuple[ErrorTerm, ...] = getattr(terms, name.removesuffix("_same_robot"))
+        if name.endswith("_same_robot"):
+            causes = tuple(term for term in causes if not term.of_robot)
+        found, sigmas = errors[name][known], parts(causes, known)[0]
+        some = np.unique(np.linspace(0, len(found) - 1, CELLS).astype(np.int64))
+        observed = cell_observables(session, causes, np.flatnonzero(known)[some])
+        yield name, Cells(found[some] - found.mean(), sigmas[some], observed)
+
+
+def figures(name: str, simulated: Sequence[Cells], skulls: Sequence[Cells]) -> Iterator[Metric]:
+    """Yield the figures of one map, of simulated patients and of real skulls."""
+    every = [*simulated, *skulls]
+    best = best_ranks([one.observed for one in every], [one.errors_mm for one in every])
+    groups = {"": (simulated, best[: len(simulated)]), "skulls, ": (skulls, best[len(simulated) :])}
+    for title, (group, order) in groups.items():
+        yield Metric(f"{name}, {title}sessions", float(len(group)), "", "higher")
+        for step, ranks in {**steps(group), BEST: order}.items():
+            yield Metric(f"{name}, {title}rank, {step}", over_draws(ranks).value, "", "higher")
+
+
+def steps(sessions: Sequence[Cells]) -> dict[str, list[float]]:
+    """Return the rank correlation of each session, from errors as claimed to those that are."""
+    random = np.random.default_rng(0)
+    found: dict[str, list[float]] = {step: [] for step in (NORMAL, SHAPE, AS_IS)}
+    for one in sessions:
+        drawn = random.normal(size=len(one.sigmas_mm)) * one.sigmas_mm
+        found[NORMAL].append(rank_correlation(drawn, one.sigmas_mm))
+        found[SHAPE].append(rank_correlation(_shuffled(one, random), one.sigmas_mm))
+        found[AS_IS].append(rank_correlation(one.errors_mm, one.sigmas_mm))
+    return found
+
+
+def _shuffled(one: Cells, random: np.random.Generator) -> Floats:
+    """Return the errors (n,) with their ratios to sigma shuffled within classes of the sigma."""
+    ratios = one.errors_mm / one.sigmas_mm
+    order = np.argsort(one.sigmas_mm, kind="stable")
+    for cells in np.array_split(order, CLASSES):
+        ratios[cells] = random.permutation(ratios[cells])
+    return ratios * one.sigmas_mm
