@@ -31,7 +31,7 @@ DEFAULT: Mapping[str, Mapping[str, Any]] = {
         "suites.implant.placement.SEEDS": range(38_200, 38_400),
     },
     "beds": {
-        "suites.implant.beds.SEEDS": range(40_540, 40_546),
+        "suites.implant.beds.SEEDS": range(40_760, 40_766),
         "suites.implant.beds.SKULL_SEEDS": range(38_050, 38_051),
     },
     "rehearsal": {"suites.implant.rehearsal.SEEDS": range(39_000, 39_002)},

@@ -1,10 +1,12 @@
-"""Gaussian fields over a grid, whose covariance is the product of one along each axis."""
+"""Draws of Gaussian fields over a grid, and of single numbers that are stratified."""
 
 import numpy as np
 from numpy.random import Generator
 from scipy.special import ndtri
 
 from rona_core.geometry.arrays import Floats
+
+LEAST_SHARE = 1e-9  # of a range, so that none is infinite
 
 
 def field_root(at_mm: Floats, reach_mm: float) -> Floats:
@@ -23,9 +25,11 @@ def field_root(at_mm: Floats, reach_mm: float) -> Floats:
     return vectors * np.sqrt(np.maximum(values, 0.0))  # far from regular: no Cholesky
 
 
-def spread_normals(count: int, generator: Generator) -> Floats:
+def stratified_normals(count: int, generator: Generator) -> Floats:
     """Return standard normal numbers (count,), one of each of as many equally likely ranges.
 
-    So a few of them have the spread of many (Latin hypercube, McKay 1979).
+    So a few of them have the spread of many (Latin hypercube, McKay 1979); they depend on each
+    other.
     """
-    return ndtri((generator.permutation(count) + generator.random(count)) / count)
+    within = generator.uniform(LEAST_SHARE, 1.0, count)
+    return ndtri((generator.permutation(count) + within) / count)

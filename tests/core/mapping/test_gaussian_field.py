@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from rona_core.mapping.fitting.gaussian_field import field_root, spread_normals
+from rona_core.mapping.fitting.gaussian_field import field_root, stratified_normals
 
 AT = np.arange(0.0, 12.0, 0.5)
 
@@ -16,9 +16,9 @@ def test_without_a_reach_every_place_is_by_itself():
     assert np.array_equal(field_root(AT, 0.0), np.eye(len(AT)))
 
 
-def test_few_spread_normals_have_the_spread_of_many():
+def test_few_stratified_normals_have_the_spread_of_many():
     generator = np.random.default_rng(4)
-    found = np.stack([spread_normals(50, generator) for _ in range(400)])
+    found = np.stack([stratified_normals(50, generator) for _ in range(400)])
     plain = generator.standard_normal((400, 50))
     assert abs(found.mean()) < 0.002
     assert found.var() == pytest.approx(1.0, abs=0.02)
@@ -27,5 +27,5 @@ def test_few_spread_normals_have_the_spread_of_many():
     # in no order, and a single one may be any
     along = np.corrcoef(found[:, :-1].ravel(), found[:, 1:].ravel())[0, 1]
     assert abs(along) < 0.03
-    alone = np.concatenate([spread_normals(1, generator) for _ in range(2000)])
+    alone = np.concatenate([stratified_normals(1, generator) for _ in range(2000)])
     assert alone.std() == pytest.approx(1.0, abs=0.05)

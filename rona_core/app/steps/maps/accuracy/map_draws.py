@@ -16,14 +16,16 @@ from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.maps.accuracy.error_terms import ErrorTerm, hidden_depths
 from rona_core.app.steps.maps.accuracy.map_terms import POINTS, map_terms
 from rona_core.errors import InvalidInputError, StaleResultError
-from rona_core.geometry.arrays import Floats, readonly
+from rona_core.geometry.arrays import Bools, Floats, readonly
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.mapping.build_maps import LEAST_THICKNESS_MM
-from rona_core.mapping.fitting.gaussian_field import field_root, spread_normals
+from rona_core.mapping.fitting.gaussian_field import field_root, stratified_normals
 from rona_core.session.document import Session
 
 MOST_DRAWS = 1000
 AT_ONCE = 16  # draws that are worked on together: all of them take much memory
+LEAST_CELLS = 12  # of a map that has a mean to speak of
+LEAST_LEFT = 0.01  # of the variance of a field, where its mean over the map is taken off
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,62 +69,84 @@ def draw_maps(
     if terms is None or reason is not None:
         raise StaleResultError(f"the maps are stale: {reason or 'they are of other A-scans'}")
     generator = np.random.default_rng(seed)
-    carried = [term for term in terms.place if not (same_robot and term.of_robot)]
-    place = _drawn(maps.outer, carried, count, generator)
+    of_place = [term for term in terms.place if not (same_robot and term.of_robot)]
+    place = _drawn(maps.outer, of_place, count, generator)
     place += maps.outer.height_mm
-    outer = place + _drawn(maps.outer, terms.front, count, generator)
+    outer = place + _drawn(maps.outer, (*terms.front, terms.rough), count, generator)
     # another scan errs alike by what reference points alone can mend: the speed of sound
     lasting = [term for term in terms.depth if term.remedy == POINTS]
     passing = [term for term in terms.depth if not (term.remedy == POINTS or term.hidden)]
-    reread = _drawn(maps.outer, passing, count, generator)
+    reread = _drawn(maps.inner, passing, count, generator)
     signs = np.where(grooves | (generator.random(count) < 0.5), -1.0, 1.0)
     for term in terms.depth:
         if term.hidden:
-            reread += _hidden(maps.outer, term, signs, generator)
+            reread += _hidden(maps.inner, term, signs, generator)
     reread += maps.thickness_mm()
-    inner = _drawn(maps.outer, lasting, count, generator)  # of the speed, so far
+    inner = _drawn(maps.inner, lasting, count, generator)  # of the speed, so far
     inner += reread
-    np.maximum(inner, LEAST_THICKNESS_MM, out=inner)
     np.subtract(place, inner, out=inner)
     np.minimum(inner, outer - LEAST_THICKNESS_MM, out=inner)
     return MapDraws(maps, readonly(outer), readonly(inner), readonly(reread))
 
 
 def _drawn(
-    grid: BoundaryMap,
+    boundary: BoundaryMap,
     terms: Iterable[ErrorTerm],
     count: int,
     generator: Generator,
 ) -> Floats:
-    """Return errors (count, nu, nv) by causes; nothing of one that is not known at all."""
-    shape = grid.height_mm.shape
+    """Return errors (count, nu, nv) by causes; nothing of one that is not known at all.
+
+    Causes of one reach are drawn as one field, with the sum of their variances.
+    """
+    shape = boundary.ok.shape
     errors, squares = np.zeros((count, *shape)), dict[float, Floats]()
     for term in terms:
         if np.any(term.shared_mm):
-            for some, shared in _blocks(errors, spread_normals(count, generator)):
+            for some, shared in _blocks(errors, stratified_normals(count, generator)):
                 some += term.shared_mm * shared[:, None, None]
-        own = np.nan_to_num(np.broadcast_to(term.own_mm, shape), posinf=0.0)
-        squares[term.reach_mm] = squares.get(term.reach_mm, 0.0) + own**2
-    for reach_mm, square in squares.items():  # fields of one reach add up to a field
-        roots, own = _roots(grid, reach_mm), np.sqrt(square)
+        own = np.broadcast_to(term.own_mm, shape)
+        known = np.where(np.isposinf(own), 0.0, own)
+        squares[term.reach_mm] = squares.get(term.reach_mm, 0.0) + known**2
+    for reach_mm, square in squares.items():
+        roots = _roots(boundary, reach_mm)
+        own, weights = _own_alone(np.sqrt(square), boundary.ok, roots)
         for (some,) in _blocks(errors):
-            some += own * _fields(roots, len(some), generator)
+            fields = own * _fields(roots, len(some), generator)
+            some += fields - np.sum(weights * fields, axis=(1, 2), keepdims=True)
     return errors
 
 
-def _hidden(grid: BoundaryMap, term: ErrorTerm, signs: Floats, generator: Generator) -> Floats:
+def _own_alone(own_mm: Floats, ok: Bools, roots: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
+    """Return what to draw a field with so that cells differ by ``own_mm``, their mean left out.
+
+    What a map errs by as a whole is drawn by itself.
+
+    Returns:
+        Standard deviations (nu, nv) of the field, and weights of the mean that is then to be
+        subtracted: its mean square over the mapped cells is that of ``own_mm``.
+    """
+    weights = ok / max(np.count_nonzero(ok), 1)
+    whole = float(np.sum(weights * own_mm**2))
+    of_mean = float(np.sum((roots[0].T @ (weights * own_mm) @ roots[1]) ** 2))
+    if np.count_nonzero(ok) < LEAST_CELLS or whole <= 0.0:
+        return own_mm, np.zeros(ok.shape)
+    return own_mm / np.sqrt(max(1.0 - of_mean / whole, LEAST_LEFT)), weights
+
+
+def _hidden(boundary: BoundaryMap, term: ErrorTerm, signs: Floats, generator: Generator) -> Floats:
     """Return what hides where nothing was heard (n, nu, nv), with the sign (n,) of each draw."""
-    off_mm, roots = np.hypot(term.own_mm, term.shared_mm), _roots(grid, term.reach_mm)
-    errors = np.zeros((len(signs), *grid.height_mm.shape))
-    for some, their in _blocks(errors, signs):
+    off_mm, roots = np.hypot(term.own_mm, term.shared_mm), _roots(boundary, term.reach_mm)
+    errors = np.zeros((len(signs), *boundary.ok.shape))
+    for some, sign in _blocks(errors, signs):
         depths = hidden_depths(_fields(roots, len(some), generator))
-        some[...] = their[:, None, None] * off_mm * depths
+        some[...] = sign[:, None, None] * off_mm * depths
     return errors
 
 
-def _roots(grid: BoundaryMap, reach_mm: float) -> tuple[Floats, Floats]:
+def _roots(boundary: BoundaryMap, reach_mm: float) -> tuple[Floats, Floats]:
     """Return roots of how errors of a reach hang together along both axes."""
-    return field_root(grid.u_mm, reach_mm), field_root(grid.v_mm, reach_mm)
+    return field_root(boundary.u_mm, reach_mm), field_root(boundary.v_mm, reach_mm)
 
 
 def _fields(roots: tuple[Floats, Floats], count: int, generator: Generator) -> Floats:

@@ -15,7 +15,6 @@ from scipy.interpolate import RectBivariateSpline
 from rona_core.app.steps.acoustics.thickness_uncertainty import speed_of_maps
 from rona_core.app.steps.maps.accuracy.echo_terms import (
     INTERPOLATION,
-    ROUGHNESS,
     ROWS,
     cells_map,
     mean_error_mm,
@@ -61,31 +60,32 @@ POINTS = "measure the bone at three reference points (step 9)"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MapTerms:
-    """Causes of error of the outer boundary, of the fused one and of the thickness.
+    """Causes of error of the three boundaries and of the thickness.
 
-    An echo tells how far the inner boundary lies from the probe. By what the bone above it departs
-    from what a front echo says, the thickness errs too, and the inner boundary does not.
+    An echo tells how far the inner boundary lies from the probe. By what bone departs from its mean
+    below the face the thickness errs as the outer boundary does, and the inner one does not.
     """
 
     place: tuple[ErrorTerm, ...]  # where the probe was, which all boundaries share
-    front: tuple[ErrorTerm, ...]  # of front echoes, and of what lies between and below them
+    front: tuple[ErrorTerm, ...]  # of front echoes, and between them
+    rough: ErrorTerm  # of the outer boundary within the beam
     fused: tuple[ErrorTerm, ...]
-    thickness: tuple[ErrorTerm, ...]
+    depth: tuple[ErrorTerm, ...]  # of the way of an echo through the bone
 
     @property
     def outer(self) -> tuple[ErrorTerm, ...]:
         """Those of the outer boundary."""
-        return (*self.front, *self.place)
-
-    @property
-    def depth(self) -> tuple[ErrorTerm, ...]:
-        """Those of the way that an echo takes through the bone."""
-        return tuple(term for term in self.thickness if term.cause != ROUGHNESS)
+        return (*self.front, self.rough, *self.place)
 
     @property
     def inner(self) -> tuple[ErrorTerm, ...]:
         """Those of the inner boundary."""
-        return (*self.place, *self.depth)
+        return (*self.depth, *self.place)
+
+    @property
+    def thickness(self) -> tuple[ErrorTerm, ...]:
+        """Those of the thickness; what front echoes err by is in the scatter of its samples."""
+        return (*self.depth, self.rough)
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,8 +165,8 @@ def _terms(
     face_mm = 2.0 * probe_model(samples.probe).aperture_radius_mm
     plate = plate_through(outer_map)
     rough, carried = roughness_term(maps.outer, plate, face_mm), place.of_cells(maps)
-    front = (*sampling_terms(maps.outer, plate, plate, outer_sigma, face_mm), rough)
-    fused = _fused_terms(maps, (*front, *carried), plate, cloud)
+    front = sampling_terms(maps.outer, plate, plate, outer_sigma, face_mm)
+    fused = _fused_terms(maps, (*front, rough, *carried), plate, cloud)
     between_map = T_map_base @ maps.inner_points_base[maps.inner_used]
     between_map[:, 2] = _heights_at(maps.outer, between_map) - between_map[:, 2]
     timing = np.concatenate([one.thickness_sigma_mm for one in found])[maps.inner_used]
@@ -176,10 +176,9 @@ def _terms(
     region = cells_base[(maps.outer.ok & maps.inner.ok).ravel()]
     calibration = uncalibrated() if known is None else known
     shared, local = speed_uncertainty(calibration, cells_base, region if len(region) else None)
-    thickness = (
+    through = (
         *sampling_terms(maps.inner, between, between, timing, face_mm),
         unheard_term(maps, T_map_base),
-        rough,
         ErrorTerm(SPEED, shared_mm=depth * shared.reshape(depth.shape), remedy=POINTS),
         ErrorTerm(
             "speed of sound at the place",
@@ -188,7 +187,7 @@ def _terms(
             reach_mm=LOCAL_LENGTH_MM,
         ),
     )
-    return MapTerms(carried, front, fused, thickness)
+    return MapTerms(carried, front, rough, fused, through)
 
 
 def _fused_terms(
