@@ -37,7 +37,7 @@ def bands(session: Session) -> Iterator[tuple[str, Band]]:
         known = np.isfinite(errors)
         if known.any():
             total = _total_mm(accuracy, name)[known]
-            yield name, Band(errors[known], total, *parts(_terms_of(terms, name), known))
+            yield name, Band(errors[known], total, *parts(terms_of(terms, name), known))
 
 
 def _total_mm(accuracy: MapAccuracy, name: str) -> Floats:
@@ -46,7 +46,7 @@ def _total_mm(accuracy: MapAccuracy, name: str) -> Floats:
     return part.same_robot_mm() if name.endswith("_same_robot") else part.total_mm()
 
 
-def _terms_of(terms: MapTerms, name: str) -> list[ErrorTerm]:
+def terms_of(terms: MapTerms, name: str) -> list[ErrorTerm]:
     """Return the causes of one map; the robot's fall out where it uses the map itself."""
     causes: tuple[ErrorTerm, ...] = getattr(terms, name.removesuffix("_same_robot"))
     return [term for term in causes if not (name.endswith("_same_robot") and term.of_robot)]

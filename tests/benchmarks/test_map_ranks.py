@@ -3,10 +3,13 @@
 import numpy as np
 import pytest
 
+from benchmarks.cases import patients
 from benchmarks.suites.accuracy import map_ranks
 from benchmarks.suites.accuracy.map_ranks import AS_IS, BEST, NORMAL, SHAPE, Cells, figures, steps
 from benchmarks.suites.accuracy.observed_cells import cell_observables
+from benchmarks.suites.ultrasound.observed_order import best_ranks
 from rona_core.app.steps.maps.accuracy.map_terms import map_terms
+from rona_core.errors import RonaError
 from rona_core.session.files import load_session
 from rona_ui.resources import demo_session
 
@@ -19,7 +22,9 @@ def session(number, *, heavy=0.0, told=0.0):
     sigmas, level = rng.uniform(0.05, 0.4, N), rng.normal(size=N)
     errors = sigmas * rng.normal(size=N) * np.exp(told * level)
     errors *= np.where(rng.uniform(size=N) < heavy, 6.0, 1.0 - 0.8 * (heavy > 0.0))
-    return Cells(errors, sigmas, np.column_stack((np.log(sigmas), level, rng.normal(size=N))))
+    return Cells(
+        errors, sigmas, np.column_stack((np.log(sigmas), level, rng.normal(size=N))), str(number)
+    )
 
 
 def means(sessions):
@@ -35,7 +40,7 @@ def test_honest_normal_errors_have_the_same_rank_at_every_step():
 def test_errors_that_lie_elsewhere_keep_their_shape_when_they_are_shuffled():
     """Large where the sigma says small ones: shuffled among like sigmas, they have that rank."""
     turned = [
-        Cells(one.errors_mm / one.sigmas_mm**2, one.sigmas_mm, one.observed)
+        Cells(one.errors_mm / one.sigmas_mm**2, one.sigmas_mm, one.observed, one.bone)
         for one in (session(k) for k in range(SESSIONS))
     ]
     found = means(turned)
@@ -60,21 +65,48 @@ def test_cells_of_the_demo_have_their_observables():
     one = found["thickness"]
     assert len(one.errors_mm) == len(one.sigmas_mm) == len(one.observed) > 100
     assert np.isfinite(one.observed).all()
-    terms = map_terms(demo)
-    maps = demo.results.maps.value
-    cells = np.flatnonzero(maps.outer.ok & maps.inner.ok)[:50]
-    logs = cell_observables(demo, terms.thickness, cells)
-    own = np.sqrt(sum(np.broadcast_to(t.own_mm, maps.outer.ok.shape) ** 2 for t in terms.thickness))
-    np.testing.assert_allclose(logs[:, len(terms.thickness)], np.log(own.ravel()[cells]))
-    depth = np.log(maps.thickness_mm().ravel()[cells])
-    np.testing.assert_allclose(logs[:, len(terms.thickness) + 1], depth)
+    np.testing.assert_allclose(one.observed[:, 0], np.log(one.sigmas_mm))
+    assert one.bone == str(demo.setup.seed)
+
+
+def test_what_is_observed_at_a_cell_follows_the_samples_around_it():
+    demo = load_session(demo_session())
+    maps, terms = demo.results.maps.value, map_terms(demo)
+    cells = np.flatnonzero(maps.outer.ok & maps.inner.ok)[:200]
+    found = np.exp(cell_observables(demo, terms.thickness, cells))
+    own, rest = found[:, : len(terms.thickness)], found[:, len(terms.thickness) :]
+    for column, term in zip(own.T, terms.thickness, strict=True):
+        expected = np.broadcast_to(term.own_mm, maps.outer.ok.shape).ravel()[cells]
+        np.testing.assert_allclose(column, np.maximum(expected, 1e-5), rtol=1e-6)
+    np.testing.assert_allclose(rest[:, 0], maps.thickness_mm().ravel()[cells])
+    i, j = np.unravel_index(cells, maps.outer.ok.shape)
+    places = np.column_stack((maps.outer.u_mm[i], maps.outer.v_mm[j]))
+    samples = (maps.outer.T_base_map.inv() @ maps.outer_points_base)[:, :2]
+    away = np.linalg.norm(samples - places[:, None], axis=2)
+    silent = ~maps.inner_used[np.argsort(away, axis=1)[:, :6]]
+    np.testing.assert_allclose(rest[:, 6], np.maximum(silent.mean(axis=1), 1e-5), atol=0.18)
+    heard = np.linalg.norm(samples[maps.outer_used] - places[:, None], axis=2).min(axis=1)
+    np.testing.assert_allclose(rest[:, 8], heard, rtol=1e-6)
+
+
+def test_sessions_on_one_skull_are_one_patient():
+    """What tells errors of one bone alone tells nothing of it when that bone is left out."""
+    rng = np.random.default_rng(5)
+    levels = [rng.normal(size=(N, 1)) for _ in range(8)]
+    signs = [1.0] * 4 + [-1.0] * 4
+    errors = [
+        rng.normal(size=N) * np.exp(sign * level[:, 0])
+        for sign, level in zip(signs, levels, strict=True)
+    ]
+    apart = best_ranks(levels, errors, ["c"] * 4 + ["d"] * 4)
+    assert max(apart) < -0.3
 
 
 def test_sessions_that_are_refused_are_left_out(monkeypatch):
     def refused(seed):
-        raise map_ranks.RonaError("no")
+        raise RonaError("no")
 
-    monkeypatch.setattr(map_ranks, "session_of", refused)
+    monkeypatch.setattr(patients, "session_of", refused)
     monkeypatch.setattr(map_ranks, "SEEDS", range(2))
     monkeypatch.setattr(map_ranks, "SKULL_SEEDS", ())
     said = []

@@ -9,28 +9,22 @@ explains, it judges nothing, and no figure has a goal.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import product
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.cases.patients import patients
 from benchmarks.metric import Metric, Progress
-from benchmarks.reference.map_coverage import parts
+from benchmarks.reference.map_coverage import parts, terms_of
 from benchmarks.suites.accuracy.observed_cells import cell_observables
-from benchmarks.suites.honesty.design import session_of
 from benchmarks.suites.honesty.judged import over_draws, rank_correlation
-from benchmarks.suites.procedure.procedure import SKULLS, data_folder
 from benchmarks.suites.ultrasound.observed_order import best_ranks
-from rona_core.app.steps.maps.accuracy.error_terms import ErrorTerm
 from rona_core.app.steps.maps.accuracy.map_terms import map_terms
-from rona_core.compose import DemoSkull, build_virtual_rig, run_demo
-from rona_core.devices.world_settings import REALISTIC_WORLD
-from rona_core.errors import RonaError
+from rona_core.compose import build_virtual_rig
 from rona_core.evaluation.maps.map_errors import cell_errors_mm
 from rona_core.evaluation.truth import truth_of
 from rona_core.geometry.arrays import Floats
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
 from rona_core.session.specimen import SimulatedSkull
 
 SEEDS = (*range(21_000, 21_024), *range(40_650, 40_695))
@@ -52,14 +46,15 @@ class Cells:
 
     errors_mm: Floats
     sigmas_mm: Floats
-    observed: Floats  # (n, k) logarithms
+    observed: Floats  # (n, k) logarithms, the first of the sigma
+    bone: str  # whose it is
 
 
 def run(progress: Progress) -> list[Metric]:
     """Return the mean rank correlation over sessions, step by step, for each map."""
     simulated: dict[str, list[Cells]] = {name: [] for name in QUANTITIES}
     skulls: dict[str, list[Cells]] = {name: [] for name in QUANTITIES}
-    for session in _sessions(progress):
+    for session in patients(progress, SEEDS, SKULL_SEEDS, FILES):
         group = simulated if isinstance(session.setup.specimen, SimulatedSkull) else skulls
         for name, cells in cells_of(session):
             group[name].append(cells)
@@ -68,23 +63,6 @@ def run(progress: Progress) -> list[Metric]:
         for name in QUANTITIES
         for metric in figures(name.replace("_", " "), simulated[name], skulls[name])
     ]
-
-
-def _sessions(progress: Progress) -> Iterator[Session]:
-    for seed in SEEDS:
-        progress(f"simulated, seed {seed}")
-        try:
-            yield session_of(seed)
-        except RonaError as error:
-            progress(f"simulated, seed {seed}: refused: {error}")
-    paths = [data_folder() / name for name in SKULLS]
-    there = [DemoSkull(str(path)) for path in paths if path.is_file()]
-    for skull, seed in product(there, SKULL_SEEDS):
-        progress(f"{skull.name}, seed {seed}")
-        yield run_demo(seed, skull, world=REALISTIC_WORLD)[0]
-    for path in FILES:
-        progress(path.name)
-        yield load_session(path)
 
 
 def cells_of(session: Session) -> Iterator[tuple[str, Cells]]:
@@ -97,19 +75,28 @@ def cells_of(session: Session) -> Iterator[tuple[str, Cells]]:
         known = np.isfinite(errors[name])
         if np.count_nonzero(known) < LEAST_CELLS:
             continue
-        causes: tuple[ErrorTerm, ...] = getattr(terms, name.removesuffix("_same_robot"))
-        if name.endswith("_same_robot"):
-            causes = tuple(term for term in causes if not term.of_robot)
+        causes = terms_of(terms, name)
         found, sigmas = errors[name][known], parts(causes, known)[0]
         some = np.unique(np.linspace(0, len(found) - 1, CELLS).astype(np.int64))
         observed = cell_observables(session, causes, np.flatnonzero(known)[some])
-        yield name, Cells(found[some] - found.mean(), sigmas[some], observed)
+        logs = np.column_stack((np.log(sigmas[some]), observed))
+        yield name, Cells(found[some] - found.mean(), sigmas[some], logs, bone_of(session))
+
+
+def bone_of(session: Session) -> str:
+    """Return whose bone it is: two sessions on one skull are of one patient."""
+    specimen, seed = session.setup.specimen, session.setup.seed
+    return str(seed) if isinstance(specimen, SimulatedSkull) else specimen.name
 
 
 def figures(name: str, simulated: Sequence[Cells], skulls: Sequence[Cells]) -> Iterator[Metric]:
     """Yield the figures of one map, of simulated patients and of real skulls."""
     every = [*simulated, *skulls]
-    best = best_ranks([one.observed for one in every], [one.errors_mm for one in every])
+    best = best_ranks(
+        [one.observed for one in every],
+        [one.errors_mm for one in every],
+        [one.bone for one in every],
+    )
     groups = {"": (simulated, best[: len(simulated)]), "skulls, ": (skulls, best[len(simulated) :])}
     for title, (group, order) in groups.items():
         yield Metric(f"{name}, {title}sessions", float(len(group)), "", "higher")

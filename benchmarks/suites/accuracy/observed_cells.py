@@ -1,8 +1,11 @@
 """What the program observes at the cells of a map: would another order tell where it errs?"""
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.spatial import KDTree
 
+from benchmarks.suites.ultrasound.observed_order import LEAST
 from rona_core.app.steps.maps.accuracy.echo_terms import cells_map
 from rona_core.app.steps.maps.accuracy.error_terms import ErrorTerm
 from rona_core.geometry.arrays import Bools, Floats, Ints
@@ -11,10 +14,9 @@ from rona_core.mapping.fitting.plate_field import fit_field
 from rona_core.session.document import Session
 
 NEAR, AROUND = 6, 24  # A-scans
-LEAST = 1e-5  # of what a logarithm is taken of
 
 
-def cell_observables(session: Session, terms: tuple[ErrorTerm, ...], cells: Ints) -> Floats:
+def cell_observables(session: Session, terms: Sequence[ErrorTerm], cells: Ints) -> Floats:
     """Return logarithms (m, k) of what the program observes at some cells (m,) of its maps.
 
     Args:
@@ -43,7 +45,6 @@ def cell_observables(session: Session, terms: tuple[ErrorTerm, ...], cells: Ints
     own = [np.broadcast_to(term.own_mm, shape).ravel()[cells] for term in terms]
     columns = [
         *own,
-        np.sqrt(np.sum(np.square(own), axis=0)),
         maps.thickness_mm().ravel()[cells],
         np.sqrt(np.mean(timing_mm[near] ** 2, axis=1)),
         1.0 - sure[near].mean(axis=1),

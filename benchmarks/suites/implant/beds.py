@@ -7,24 +7,19 @@ true bone. Nothing was tuned on these seeds.
 """
 
 from collections.abc import Iterator, Sequence
-from itertools import pairwise, product
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.cases.patients import patients
 from benchmarks.metric import Metric, Progress
-from benchmarks.suites.honesty.design import session_of
 from benchmarks.suites.implant import patient_beds
 from benchmarks.suites.implant.patient_beds import Patient, Search, Trial
 from benchmarks.suites.implant.placement import interval
-from benchmarks.suites.procedure.procedure import SKULLS, data_folder
-from rona_core.compose import DemoSkull, build_virtual_rig, run_demo
-from rona_core.devices.world_settings import REALISTIC_WORLD
-from rona_core.errors import RonaError
+from rona_core.compose import build_virtual_rig
 from rona_core.evaluation.truth import truth_of
 from rona_core.geometry.arrays import Bools, Floats, Ints
-from rona_core.session.document import Session
-from rona_core.session.files import load_session
 
 SEEDS = range(40_760, 40_868)
 SKULL_SEEDS = range(38_050, 38_053)
@@ -39,14 +34,14 @@ def run(progress: Progress) -> list[Metric]:
     """Return reliability of drawn beds, and what searches promise and keep."""
     trials: list[Trial] = []
     searches: list[Search] = []
-    patients = 0
+    mapped = 0
     for patient in _patients(progress):
         generator = np.random.default_rng(patient.session.setup.seed)
         trials += patient_beds.drawn_beds(patient, generator, BEDS)
         searches += patient_beds.searched_beds(patient, generator, REQUIRED)
-        patients += 1
+        mapped += 1
     return [
-        Metric("patients with maps", float(patients), "patients", "higher"),
+        Metric("patients with maps", float(mapped), "patients", "higher"),
         *reliability(trials),
         *searched(searches),
     ]
@@ -54,27 +49,10 @@ def run(progress: Progress) -> list[Metric]:
 
 def _patients(progress: Progress) -> Iterator[Patient]:
     """Yield the patients that came to maps."""
-    for number, session in enumerate(_sessions(progress)):
+    for number, session in enumerate(patients(progress, SEEDS, SKULL_SEEDS, FILES)):
         if session.results.maps is not None:
             truth = truth_of(session, build_virtual_rig(session.setup).scene)
             yield Patient(number, patient_beds.with_burr(session), truth)
-
-
-def _sessions(progress: Progress) -> Iterator[Session]:
-    paths = [data_folder() / name for name in SKULLS]
-    there = [DemoSkull(str(path)) for path in paths if path.is_file()]
-    for seed in SEEDS:
-        progress(f"simulated, seed {seed}")
-        try:
-            yield session_of(seed)
-        except RonaError as error:
-            progress(f"simulated, seed {seed}: refused: {error}")
-    for skull, seed in product(there, SKULL_SEEDS):
-        progress(f"{skull.name}, seed {seed}")
-        yield run_demo(seed, skull, world=REALISTIC_WORLD)[0]
-    for path in FILES:
-        progress(path.name)
-        yield load_session(path)
 
 
 def reliability(trials: Sequence[Trial]) -> Iterator[Metric]:

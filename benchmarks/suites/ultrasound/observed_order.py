@@ -1,4 +1,4 @@
-"""Order of A-scans by how wrong they may be, fitted to the errors of other patients.
+"""Order of A-scans, or of places, by how wrong they may be, fitted to the errors of other patients.
 
 Ridge regression of the logarithm of the error on logarithms of what the program observes, and
 their squares, all less their median in the patient: only the order within a patient matters.
@@ -20,19 +20,26 @@ LEAST = 1e-5  # of what a logarithm is taken of
 AROUND = 20  # neighbours of a place: those within 5 mm
 
 
-def best_ranks(observed: Sequence[Floats], errors_mm: Sequence[Floats]) -> list[float]:
-    """Return the rank correlation of each patient with the order fitted to the other patients.
+def best_ranks(
+    observed: Sequence[Floats], errors_mm: Sequence[Floats], bones: Sequence[str] | None = None
+) -> list[float]:
+    """Return the rank correlation of each session with the order fitted to other patients.
 
     Args:
-        observed: Logarithms (n, k) of the observables of A-scans, one array a patient.
+        observed: Logarithms (n, k) of what is observed at places, one array a session.
         errors_mm: Theirs (n,).
+        bones: Whose bone each session is of; by default each has a patient of its own.
     """
     ranks = np.full(len(observed), np.nan)
     inputs = [_features(logs) for logs in observed]
-    order = np.random.default_rng(0).permutation(len(observed))
-    for held in np.array_split(order, FOLDS):
-        rest = np.setdiff1d(order, held)
-        if not len(held) or not len(rest):
+    patient = np.arange(len(observed))
+    if bones is not None:
+        patient = np.array([sorted(set(bones)).index(bone) for bone in bones], dtype=np.int64)
+    order = np.random.default_rng(0).permutation(patient.max(initial=-1) + 1)
+    for some in np.array_split(order, FOLDS):
+        held = np.flatnonzero(np.isin(patient, some)).tolist()
+        rest = np.setdiff1d(np.arange(len(observed)), held)
+        if not held or not len(rest):
             continue
         weights = ridge([inputs[i] for i in rest], [errors_mm[i] for i in rest])
         for i in held:
