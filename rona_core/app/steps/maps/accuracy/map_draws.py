@@ -1,8 +1,7 @@
 """Maps as they may be: draws from all that is unknown of both boundaries, for who plans in them.
 
-Each cause of error is drawn by itself: what all cells share as one number, what a cell has for
-itself as a Gaussian field over the reach of its cause. The inner boundary of a draw never crosses
-its outer one.
+What all cells share of a cause is drawn as one number, what each has for itself as a Gaussian
+field, one for all causes of one reach. The inner boundary of a draw never crosses its outer one.
 """
 
 from collections.abc import Iterable, Iterator
