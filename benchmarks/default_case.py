@@ -24,6 +24,7 @@ DEFAULT: Mapping[str, Mapping[str, Any]] = {
     "map_ranks": {
         "suites.accuracy.map_ranks.SEEDS": range(21_000, 21_006),
         "suites.accuracy.map_ranks.SKULL_SEEDS": (),
+        "suites.accuracy.map_ranks.OTHER_SEEDS": range(40_540, 40_546),
     },
     "placement": {
         "suites.implant.placement.ROUND_SEEDS": range(38_000, 38_003),

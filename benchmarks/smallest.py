@@ -204,6 +204,7 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
     "map_ranks": {
         "suites.accuracy.map_ranks.SEEDS": (),
         "suites.accuracy.map_ranks.SKULL_SEEDS": (),
+        "suites.accuracy.map_ranks.OTHER_SEEDS": (),
         "suites.accuracy.map_ranks.FILES": (DEMO,),
     },
     "beds": {

@@ -54,8 +54,21 @@ def test_an_order_is_found_where_something_observed_tells_more_than_the_sigma():
     assert told[f"a, rank, {BEST}"] > told[f"a, rank, {AS_IS}"] + 0.1
     plain = {m.name: m.value for m in figures("a", [session(k) for k in range(12)], [])}
     assert plain[f"a, rank, {BEST}"] == pytest.approx(plain[f"a, rank, {AS_IS}"], abs=0.05)
-    assert told["a, skulls, sessions"] == 0.0
+    assert told["a, skulls, sessions"] == told["a, others, sessions"] == 0.0
     assert told[f"a, skulls, rank, {AS_IS}"] is None
+
+
+def test_others_are_ranked_by_an_order_that_is_fitted_to_the_tuned_ones_alone():
+    tuned = [session(k, told=0.8) for k in range(12)]
+    alike, turned = (
+        {m.name: m.value for m in figures("a", tuned, others)}[f"a, others, rank, {BEST}"]
+        for others in (
+            [session(k, told=0.8) for k in range(50, 56)],
+            [session(k, told=-0.8) for k in range(50, 56)],
+        )
+    )
+    assert alike > 0.5
+    assert turned < 0.1
 
 
 def test_cells_of_the_demo_have_their_observables():
@@ -109,7 +122,8 @@ def test_sessions_that_are_refused_are_left_out(monkeypatch):
     monkeypatch.setattr(patients, "session_of", refused)
     monkeypatch.setattr(map_ranks, "SEEDS", range(2))
     monkeypatch.setattr(map_ranks, "SKULL_SEEDS", ())
+    monkeypatch.setattr(map_ranks, "OTHER_SEEDS", range(3, 4))
     said = []
     metrics = map_ranks.run(said.append)
     assert {m.value for m in metrics if m.name.endswith("sessions")} == {0.0}
-    assert sum("refused" in text for text in said) == 2
+    assert sum("refused" in text for text in said) == 3

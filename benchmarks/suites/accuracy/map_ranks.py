@@ -3,11 +3,12 @@
 Rank is the correlation (Spearman) of the local sigma and the size of the local error of the cells
 of a map. Normal errors with these sigmas have the highest; then errors of the patient itself,
 shuffled among cells of a like sigma, with the shape that they have. The last is the best order that
-was found in what the program observes, fitted to other patients. The seeds were tuned with: this
-explains, it judges nothing, and no figure has a goal.
+was found in what the program observes, fitted to other patients. Seeds were tuned with, but for
+those named so, which are ranked by an order fitted to the tuned ones: this explains, it judges
+nothing, and no figure has a goal.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from benchmarks.metric import Metric, Progress
 from benchmarks.reference.map_coverage import parts, terms_of
 from benchmarks.suites.accuracy.observed_cells import cell_observables
 from benchmarks.suites.honesty.judged import over_draws, rank_correlation
-from benchmarks.suites.ultrasound.observed_order import best_ranks
+from benchmarks.suites.ultrasound.observed_order import best_ranks, ranks_by_others
 from rona_core.app.steps.maps.accuracy.map_terms import map_terms
 from rona_core.compose import build_virtual_rig
 from rona_core.evaluation.maps.map_errors import cell_errors_mm
@@ -29,6 +30,7 @@ from rona_core.session.specimen import SimulatedSkull
 
 SEEDS = (*range(21_000, 21_024), *range(40_650, 40_695))
 SKULL_SEEDS = (*range(10_000, 10_003), *range(37_200, 37_203))
+OTHER_SEEDS = range(40_540, 40_648)  # of the suite ``honesty``, which nothing was tuned with
 FILES: tuple[Path, ...] = ()  # sessions with virtual devices that count as well
 QUANTITIES = ("outer_same_robot", "fused_same_robot", "inner", "inner_same_robot", "thickness")
 CELLS = 400  # of a map that are looked at
@@ -47,22 +49,28 @@ class Cells:
     errors_mm: Floats
     sigmas_mm: Floats
     observed: Floats  # (n, k) logarithms, the first of the sigma
-    bone: str  # whose it is
+    bone: str  # whose it is: two sessions on one skull are of one patient
+    skull: bool = False  # a real one
 
 
 def run(progress: Progress) -> list[Metric]:
     """Return the mean rank correlation over sessions, step by step, for each map."""
-    simulated: dict[str, list[Cells]] = {name: [] for name in QUANTITIES}
-    skulls: dict[str, list[Cells]] = {name: [] for name in QUANTITIES}
-    for session in patients(progress, SEEDS, SKULL_SEEDS, FILES):
-        group = simulated if isinstance(session.setup.specimen, SimulatedSkull) else skulls
-        for name, cells in cells_of(session):
-            group[name].append(cells)
+    tuned = _looked_at(patients(progress, SEEDS, SKULL_SEEDS, FILES))
+    others = _looked_at(patients(progress, OTHER_SEEDS))
     return [
         metric
         for name in QUANTITIES
-        for metric in figures(name.replace("_", " "), simulated[name], skulls[name])
+        for metric in figures(name.replace("_", " "), tuned[name], others[name])
     ]
+
+
+def _looked_at(sessions: Iterable[Session]) -> dict[str, list[Cells]]:
+    """Return what is looked at of the maps of sessions, map by map."""
+    found: dict[str, list[Cells]] = {name: [] for name in QUANTITIES}
+    for session in sessions:
+        for name, cells in cells_of(session):
+            found[name].append(cells)
+    return found
 
 
 def cells_of(session: Session) -> Iterator[tuple[str, Cells]]:
@@ -80,28 +88,31 @@ def cells_of(session: Session) -> Iterator[tuple[str, Cells]]:
         some = np.unique(np.linspace(0, len(found) - 1, CELLS).astype(np.int64))
         observed = cell_observables(session, causes, np.flatnonzero(known)[some])
         logs = np.column_stack((np.log(sigmas[some]), observed))
-        yield name, Cells(found[some] - found.mean(), sigmas[some], logs, bone_of(session))
+        specimen = session.setup.specimen
+        skull = not isinstance(specimen, SimulatedSkull)
+        bone = str(session.setup.seed) if isinstance(specimen, SimulatedSkull) else specimen.name
+        yield name, Cells(found[some] - found.mean(), sigmas[some], logs, bone, skull)
 
 
-def bone_of(session: Session) -> str:
-    """Return whose bone it is: two sessions on one skull are of one patient."""
-    specimen, seed = session.setup.specimen, session.setup.seed
-    return str(seed) if isinstance(specimen, SimulatedSkull) else specimen.name
-
-
-def figures(name: str, simulated: Sequence[Cells], skulls: Sequence[Cells]) -> Iterator[Metric]:
-    """Yield the figures of one map, of simulated patients and of real skulls."""
-    every = [*simulated, *skulls]
-    best = best_ranks(
-        [one.observed for one in every],
-        [one.errors_mm for one in every],
-        [one.bone for one in every],
+def figures(name: str, tuned: Sequence[Cells], others: Sequence[Cells]) -> Iterator[Metric]:
+    """Yield the figures of one map: of tuning patients, of those on skulls, and of others."""
+    observed, errors = [one.observed for one in tuned], [one.errors_mm for one in tuned]
+    best = best_ranks(observed, errors, [one.bone for one in tuned])
+    apart = ranks_by_others(
+        [one.observed for one in others], [one.errors_mm for one in others], observed, errors
     )
-    groups = {"": (simulated, best[: len(simulated)]), "skulls, ": (skulls, best[len(simulated) :])}
-    for title, (group, order) in groups.items():
+    for title, group, order in (
+        ("", [one for one in tuned if not one.skull], _of(best, tuned, skull=False)),
+        ("skulls, ", [one for one in tuned if one.skull], _of(best, tuned, skull=True)),
+        ("others, ", others, apart),
+    ):
         yield Metric(f"{name}, {title}sessions", float(len(group)), "", "higher")
         for step, ranks in {**steps(group), BEST: order}.items():
             yield Metric(f"{name}, {title}rank, {step}", over_draws(ranks).value, "", "higher")
+
+
+def _of(ranks: Sequence[float], sessions: Sequence[Cells], *, skull: bool) -> list[float]:
+    return [rank for rank, one in zip(ranks, sessions, strict=True) if one.skull is skull]
 
 
 def steps(sessions: Sequence[Cells]) -> dict[str, list[float]]:

@@ -31,20 +31,43 @@ def best_ranks(
         bones: Whose bone each session is of; by default each has a patient of its own.
     """
     ranks = np.full(len(observed), np.nan)
-    inputs = [_features(logs) for logs in observed]
     patient = np.arange(len(observed))
     if bones is not None:
         patient = np.array([sorted(set(bones)).index(bone) for bone in bones], dtype=np.int64)
     order = np.random.default_rng(0).permutation(patient.max(initial=-1) + 1)
     for some in np.array_split(order, FOLDS):
         held = np.flatnonzero(np.isin(patient, some)).tolist()
-        rest = np.setdiff1d(np.arange(len(observed)), held)
-        if not held or not len(rest):
-            continue
-        weights = ridge([inputs[i] for i in rest], [errors_mm[i] for i in rest])
-        for i in held:
-            ranks[i] = rank_correlation(errors_mm[i], inputs[i] @ weights)
+        rest = np.setdiff1d(np.arange(len(observed)), held).tolist()
+        ranks[held] = ranks_by_others(
+            [observed[i] for i in held],
+            [errors_mm[i] for i in held],
+            [observed[i] for i in rest],
+            [errors_mm[i] for i in rest],
+        )
     return [float(rank) for rank in ranks]
+
+
+def ranks_by_others(
+    observed: Sequence[Floats],
+    errors_mm: Sequence[Floats],
+    others: Sequence[Floats],
+    their_errors_mm: Sequence[Floats],
+) -> list[float]:
+    """Return the rank correlation of each session with the order fitted to other sessions.
+
+    Args:
+        observed: Logarithms (n, k) of what is observed at places, one array a session.
+        errors_mm: Theirs (n,).
+        others: The same of the sessions that are fitted to; without any there is no order.
+        their_errors_mm: Theirs (n,).
+    """
+    if not others:
+        return [float("nan")] * len(observed)
+    weights = ridge([_features(logs) for logs in others], their_errors_mm)
+    return [
+        rank_correlation(errors, _features(logs) @ weights)
+        for logs, errors in zip(observed, errors_mm, strict=True)
+    ]
 
 
 def ridge(inputs: Sequence[Floats], errors_mm: Sequence[Floats]) -> Floats:
