@@ -13,7 +13,6 @@ from rona_core.geometry.arrays import Bools, Floats, Ints
 
 TAPER_MM = 15.0  # beyond which chance alone may tie draws together
 LEAST_SIGMA_MM = 0.10  # of one A-scan: the face looks at a disc, and not at a place
-ALIKE_MM = 0.10  # by which echoes of one bed err alike, beyond the speed of sound
 AT_ONCE = 512  # places that are worked on together: thousands with all draws take much memory
 OUTLIER = 3.5  # sigmas off the median difference
 
@@ -59,7 +58,7 @@ class CorrectedBone:
         count, draws = self._off.shape
         random = np.random.default_rng(0)
         own = np.hypot(measured.sigma_mm, LEAST_SIGMA_MM)
-        common = np.hypot(measured.common_share * measured.residual_mm, ALIKE_MM)
+        common = measured.common_share * measured.residual_mm
         noise = own[:, None] * random.standard_normal((count, draws))
         noise += common[:, None] * random.standard_normal(draws)
         cov = self._tied(self._places, self._off) + np.diag(own**2) + np.outer(common, common)
