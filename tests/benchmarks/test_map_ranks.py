@@ -16,12 +16,11 @@ from rona_ui.resources import demo_session
 N, SESSIONS = 300, 20
 
 
-def session(number, *, heavy=0.0, told=0.0):
-    """Cells whose second observable tells what the sigma does not; heavy: share of large errors."""
+def session(number, *, told=0.0):
+    """Cells whose second observable tells to this degree what the sigma does not."""
     rng = np.random.default_rng((3, number))
     sigmas, level = rng.uniform(0.05, 0.4, N), rng.normal(size=N)
     errors = sigmas * rng.normal(size=N) * np.exp(told * level)
-    errors *= np.where(rng.uniform(size=N) < heavy, 6.0, 1.0 - 0.8 * (heavy > 0.0))
     return Cells(
         errors, sigmas, np.column_stack((np.log(sigmas), level, rng.normal(size=N))), str(number)
     )

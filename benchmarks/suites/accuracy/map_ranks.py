@@ -3,9 +3,9 @@
 Rank is the correlation (Spearman) of the local sigma and the size of the local error of the cells
 of a map. Normal errors with these sigmas have the highest; then errors of the patient itself,
 shuffled among cells of a like sigma, with the shape that they have. The last is the best order that
-was found in what the program observes, fitted to other patients. Seeds were tuned with, but for
-those named so, which are ranked by an order fitted to the tuned ones: this explains, it judges
-nothing, and no figure has a goal.
+was found in what the program observes, fitted to other patients. ``SEEDS`` and ``SKULL_SEEDS`` were
+tuned with; ``OTHER_SEEDS`` were not, and have the order that is fitted to those. This explains, it
+judges nothing, and no figure has a goal.
 """
 
 from collections.abc import Iterable, Iterator, Sequence

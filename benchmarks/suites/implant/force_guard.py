@@ -12,15 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.cases.patients import patients
 from benchmarks.metric import Metric, Progress
-from benchmarks.suites.honesty.design import session_of
 from benchmarks.suites.implant.accepted_beds import STOPPING, AcceptedBed, rehearsed_beds
 from benchmarks.suites.implant.patient_beds import with_burr
 from benchmarks.suites.implant.placement import interval
 from rona_core.app.steps.implant.messages import ImplantName
-from rona_core.errors import RonaError
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
 
 SEEDS = range(40_540, 40_613)
 FILES: tuple[Path, ...] = ()  # sessions with virtual devices that count as well
@@ -34,30 +32,18 @@ SPARE_MM = 0.3  # of bone below a burr that was stopped in another bed: for noth
 def run(progress: Progress) -> list[Metric]:
     """Return how many stops are false."""
     found: list[AcceptedBed] = []
-    patients = 0
-    for number, session in enumerate(_sessions(progress)):
+    mapped = 0
+    for number, session in enumerate(patients(progress, SEEDS, files=FILES)):
         if session.results.maps is not None:
             found += of_patient(number, session)
-            patients += 1
-    return [Metric("patients with maps", float(patients), "patients", "higher"), *figures(found)]
+            mapped += 1
+    return [Metric("patients with maps", float(mapped), "patients", "higher"), *figures(found)]
 
 
 def of_patient(number: int, session: Session) -> list[AcceptedBed]:
     """Return the rehearsed beds of a patient with maps; their places follow from its seed."""
     generator = np.random.default_rng(session.setup.seed)
     return list(rehearsed_beds(number, with_burr(session), BEDS, generator))
-
-
-def _sessions(progress: Progress) -> Iterator[Session]:
-    for seed in SEEDS:
-        progress(f"seed {seed}")
-        try:
-            yield session_of(seed)
-        except RonaError as error:
-            progress(f"seed {seed}: refused: {error}")
-    for path in FILES:
-        progress(path.name)
-        yield load_session(path)
 
 
 def figures(found: Sequence[AcceptedBed]) -> Iterator[Metric]:

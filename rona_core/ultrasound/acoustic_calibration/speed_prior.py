@@ -36,9 +36,8 @@ LOCAL_LOG_SD = _log_sd(*PLACE_SHARES)
 LOCAL_SHARE = _rms(*PLACE_SHARES)
 # of patients about the mean of their study: what places leave of pieces
 WITHIN_STUDY_SHARE = float(np.sqrt(_rms(*PIECE_SHARES) ** 2 - LOCAL_SHARE**2))
-PATIENTS_SHARE = float(
-    np.hypot(STUDIES_SHARE, WITHIN_STUDY_SHARE)
-)  # nobody knows whose study holds
+# of a patient, of whom nobody knows whose study holds
+PATIENTS_SHARE = float(np.hypot(STUDIES_SHARE, WITHIN_STUDY_SHARE))
 LOCAL_LENGTH_MM = 20.0  # over which the diploe's share, and with it the speed, changes
 TIMING_US = 0.03  # of all lags together: what is not known of the pulse and of rough boundaries
 PLAUSIBLE_MM_PER_US = (2.1, 3.3)  # from trabecular bone alone to the stiffest cortex

@@ -164,30 +164,30 @@ def _terms(
     outer_sigma = found[0].outer_sigma_mm[maps.outer_used[:n]]  # of the first pass alone
     face_mm = 2.0 * probe_model(samples.probe).aperture_radius_mm
     plate = plate_through(outer_map)
-    rough, carried = roughness_term(maps.outer, plate, face_mm), place.of_cells(maps)
+    rough, of_place = roughness_term(maps.outer, plate, face_mm), place.of_cells(maps)
     front = sampling_terms(maps.outer, plate, plate, outer_sigma, face_mm)
-    fused = _fused_terms(maps, (*front, rough, *carried), plate, cloud)
+    fused = _fused_terms(maps, (*front, rough, *of_place), plate, cloud)
     between_map = T_map_base @ maps.inner_points_base[maps.inner_used]
     between_map[:, 2] = _heights_at(maps.outer, between_map) - between_map[:, 2]
     timing = np.concatenate([one.thickness_sigma_mm for one in found])[maps.inner_used]
     between = fit_field(between_map[:, :2], between_map[:, 2]) if len(between_map) else None
-    depth = np.maximum(maps.thickness_mm(), 0.0)
+    bone_mm = np.maximum(maps.thickness_mm(), 0.0)
     cells_base = maps.outer.T_base_map @ cells_map(maps.outer)
     region = cells_base[(maps.outer.ok & maps.inner.ok).ravel()]
     calibration = uncalibrated() if known is None else known
     shared, local = speed_uncertainty(calibration, cells_base, region if len(region) else None)
-    through = (
+    depth = (
         *sampling_terms(maps.inner, between, between, timing, face_mm),
         unheard_term(maps, T_map_base),
-        ErrorTerm(SPEED, shared_mm=depth * shared.reshape(depth.shape), remedy=POINTS),
+        ErrorTerm(SPEED, shared_mm=bone_mm * shared.reshape(bone_mm.shape), remedy=POINTS),
         ErrorTerm(
             "speed of sound at the place",
-            depth * local.reshape(depth.shape),
+            bone_mm * local.reshape(bone_mm.shape),
             remedy=POINTS,
             reach_mm=LOCAL_LENGTH_MM,
         ),
     )
-    return MapTerms(carried, front, rough, fused, through)
+    return MapTerms(of_place, front, rough, fused, depth)
 
 
 def _fused_terms(
