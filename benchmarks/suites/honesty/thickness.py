@@ -23,7 +23,11 @@ from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.pose import Poses
 from rona_core.mapping.build_maps import boundary_points
 from rona_core.session.document import Session, Setup
-from rona_core.ultrasound.acoustic_calibration.reference_points import lags_at, propose_references
+from rona_core.ultrasound.acoustic_calibration.reference_points import (
+    lags_at,
+    propose_references,
+    speed_prior_for,
+)
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
     SpeedCalibration,
     calibrate_speed,
@@ -61,6 +65,7 @@ class Patient:
     thickness_mm: Floats  # (n,) true, along the axis
     speed_mm_per_us: Floats  # (n,) true
     bench: VirtualBench
+    centre_mhz: float  # of the probe
 
     @property
     def right(self) -> Bools:
@@ -149,6 +154,7 @@ def calibrated(patient: Patient, points: int) -> SpeedCalibration:
         lag_sigma_us=sigma_us,
         positions_mm=places[rows],
         region_mm=places[detection.inner_ok],
+        prior=speed_prior_for(detection, patient.centre_mhz),
     )
     return uncalibrated() if known.verdict == "bad" else known
 
@@ -186,7 +192,8 @@ def surveyed(seed: int) -> Patient:
     )
     speed, depth = true_bone(true, scene, medium)
     places = boundary_points(found, told)[0]
-    return Patient(seed, found, places, axes, depth, speed, VirtualBench(scene))
+    bench, centre_mhz = VirtualBench(scene), model.centre_mhz
+    return Patient(seed, found, places, axes, depth, speed, bench, centre_mhz)
 
 
 def _setup(seed: int) -> Setup:

@@ -15,6 +15,11 @@ from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
     speed_covariance,
     uncalibrated,
 )
+from rona_core.ultrasound.acoustic_calibration.speed_prior import (
+    PUBLISHED,
+    TIMING_US,
+    SpeedPrior,
+)
 from rona_core.ultrasound.detection.detect import Detection
 
 NEAR_MM = 2.0  # A-scans so near to a place tell its time of flight
@@ -24,6 +29,7 @@ CONFIDENT = 0.95  # and where its inner boundary is so likely to be the right on
 LEAST_NEAR = 6
 LEAST_SCATTER_MM = 0.01
 LONELY_SLOPE = 0.15  # taken where nobody is around
+FEW_SURE = 0.1  # share of A-scans below which nothing says that all did not take a later wave
 MOST_OF_REGION, MOST_CHOICES = 200, 400  # A-scans that stand for all
 
 
@@ -133,6 +139,20 @@ def lags_at(
     depth, slope, scatter = local.at(places_base)
     to_us = 2.0 / detection.sound_speed_mm_per_us
     return depth * to_us, _sigma_mm(depth, slope, scatter) * to_us
+
+
+def speed_prior_for(detection: Detection, centre_mhz: float) -> SpeedPrior:
+    """Return the prior of a calibration by lags of a detection, with what they share.
+
+    Waves of an echo look alike, a period apart, and only their neighbours tell them apart. Where
+    hardly an A-scan is sure, all that are may have taken the same wrong one, and reference points
+    with them: they are a period off with the probability that the detection leaves to another echo.
+    """
+    sure = detection.inner_ok
+    if not sure.any() or sure.mean() >= FEW_SURE:
+        return PUBLISHED
+    doubt = float(1.0 - detection.inner_quality[sure].mean())
+    return replace(PUBLISHED, timing_us=float(np.hypot(TIMING_US, np.sqrt(doubt) / centre_mhz)))
 
 
 def _sigma_mm(depth: Floats, slope: Floats, scatter: Floats) -> Floats:

@@ -16,7 +16,11 @@ from rona_core.ultrasound.acoustic_calibration.delay_line import (
     calibrate_delay_line,
     calibrated_probe,
 )
-from rona_core.ultrasound.acoustic_calibration.reference_points import at_speed, lags_at
+from rona_core.ultrasound.acoustic_calibration.reference_points import (
+    at_speed,
+    lags_at,
+    speed_prior_for,
+)
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
     SpeedCalibration,
     calibrate_speed,
@@ -43,6 +47,7 @@ def derive_speed(session: Session, message: CalibrateSoundSpeed) -> SpeedCalibra
         lag_sigma_us=sigma_us,
         positions_mm=places,
         region_mm=entries[detection.inner_ok],
+        prior=speed_prior_for(detection, robot_probe(session).centre_mhz),
     )
 
 

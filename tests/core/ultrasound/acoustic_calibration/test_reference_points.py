@@ -11,6 +11,7 @@ from rona_core.ultrasound.acoustic_calibration.reference_points import (
     at_speed,
     lags_at,
     propose_references,
+    speed_prior_for,
 )
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import calibrate_speed, speed_at
 from rona_core.ultrasound.acoustic_calibration.speed_prior import PUBLISHED
@@ -166,3 +167,29 @@ def test_an_echo_that_is_hardly_sure_is_not_chosen():
     doubtful = places[:, 0] > 0.0
     unsure = replace(found, inner_quality=readonly(np.where(doubtful, 0.9, 1.0)))
     assert not doubtful[propose_references(places, unsure, 3).scans].any()
+
+
+@pytest.mark.parametrize(
+    ("sure", "doubt", "shared_us"), [(8, 0.0, 0.0), (8, 0.09, 0.15), (12, 0.09, 0.0)]
+)
+def test_where_hardly_an_ascan_is_sure_all_lags_may_be_a_period_late(sure, doubt, shared_us):
+    found = detection(np.full(100, 6.0), ok=np.arange(100) < sure)
+    found = replace(found, inner_quality=readonly(np.full(100, 1.0 - doubt)))
+    prior = speed_prior_for(found, centre_mhz=2.0)
+    assert prior.timing_us == pytest.approx(np.hypot(PUBLISHED.timing_us, shared_us))
+    assert replace(prior, timing_us=PUBLISHED.timing_us) == PUBLISHED
+
+
+def test_a_calibration_with_lags_that_may_be_a_period_late_is_weak_and_says_so():
+    thickness, slipped_us = np.full(3, 7.0), 0.45
+    lags = 2.0 * thickness / 2.7 + slipped_us
+    few = detection(np.full(100, 7.0), ok=np.arange(100) < 8)
+    few = replace(few, inner_quality=readonly(np.full(100, 0.9)))
+    places = 25.0 * np.eye(3)
+    prior = speed_prior_for(few, centre_mhz=2.25)
+    known = calibrate_speed(thickness, lags, positions_mm=places, region_mm=places, prior=prior)
+    assert known.verdict == "weak"
+    assert "hardly an A-scan is sure" in known.reasons[-1]
+    unaware = calibrate_speed(thickness, lags, positions_mm=places, region_mm=places)
+    assert known.share > 1.5 * unaware.share
+    assert unaware.speed_mm_per_us < known.speed_mm_per_us < 2.7
