@@ -1,6 +1,8 @@
 """What is left of the true bone under a burr: a height field over its layers."""
 
 import numpy as np
+from scipy.ndimage import map_coordinates
+from scipy.spatial import KDTree
 
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose
@@ -34,40 +36,41 @@ class LeftBone:
         heights = np.where(np.isfinite(found), ABOVE_MM - found, -np.inf).T.reshape(4, *x.shape)
         self.top_mm: Floats = heights[0].copy()
         self.bounds_mm: Floats = heights[1:].copy()
-        slopes = np.gradient(np.where(np.isfinite(heights[3]), heights[3], 0.0), CELL_MM)
-        # of a vertical distance to the inner boundary, what the shortest is
-        self.cosine: Floats = 1.0 / np.sqrt(1.0 + slopes[0] ** 2 + slopes[1] ** 2)
+        inner = heights[3].ravel()
+        known = np.isfinite(inner)
+        self._inner = KDTree(np.column_stack((x.ravel(), y.ravel(), inner))[known])
 
-    def cut(self, center_bed: Floats, radius_mm: float) -> tuple[Floats, float]:
-        """Take away what a ball reaches.
-
-        Returns:
-            What it took of each layer (4,) in mm3, dura the last, and the shortest way from the
-            ball to the inner boundary, negative where it is through.
-        """
+    def cut(self, center_bed: Floats, radius_mm: float) -> Floats:
+        """Take away what a ball reaches; return how much of each layer (4,) in mm3, dura last."""
         cells = self._cells(center_bed[None], np.array((radius_mm,)))[0]
-        lowest, left_mm = self._reached(cells, center_bed, radius_mm)
         old, bounds = self.top_mm[cells], self.bounds_mm[:, *cells]
-        new = np.minimum(old, lowest)
+        new = np.minimum(old, self._reached(cells, center_bed, radius_mm))
         if not old.size or (old - new).max() <= 0.0:
-            return np.zeros(4), left_mm
+            return np.zeros(4)
         known = np.maximum(bounds, -1e3)
         above = (np.maximum(old, known) - np.maximum(new, known)).sum(axis=(1, 2))
         total = float((np.maximum(old, -1e3) - np.maximum(new, -1e3)).sum())
         self.top_mm[cells] = new
-        return CELL_MM**2 * np.diff((0.0, *above, total)), left_mm
+        return CELL_MM**2 * np.diff((0.0, *above, total))
 
-    def cut_along(self, centers_bed: Floats, radii_mm: Floats) -> Floats:
-        """Take away what a ball (n, 3) reaches on its way, as ``cut`` does, without the volumes.
-
-        Returns:
-            The shortest way (n,) from the ball to the inner boundary at each place.
-        """
-        least = np.zeros(len(radii_mm))
+    def cut_along(self, centers_bed: Floats, radii_mm: Floats) -> None:
+        """Take away what a ball (n, 3) reaches on its way, as ``cut`` does."""
         for row, cells in enumerate(self._cells(centers_bed, radii_mm)):
-            lowest, least[row] = self._reached(cells, centers_bed[row], float(radii_mm[row]))
+            lowest = self._reached(cells, centers_bed[row], float(radii_mm[row]))
             np.minimum(self.top_mm[cells], lowest, out=self.top_mm[cells])
-        return least
+
+    def ways_to_inner_mm(self, centers_bed: Floats, radii_mm: Floats) -> Floats:
+        """Return the shortest way (n,) from balls (n, 3) to the inner boundary; negative: through.
+
+        Infinite where there is no such boundary.
+        """
+        if not self._inner.n:
+            return np.full(len(radii_mm), np.inf)
+        away = np.asarray(self._inner.query(centers_bed)[0])
+        cells = (centers_bed[:, :2] - (self.x_mm[0], self.y_mm[0])) / CELL_MM
+        heights = np.maximum(self.bounds_mm[2], -1e3)
+        boundary = map_coordinates(heights, cells.T, order=1, mode="nearest")
+        return np.where(centers_bed[:, 2] < boundary, -away, away) - radii_mm
 
     def _cells(self, centers_bed: Floats, radii_mm: Floats) -> list[tuple[slice, slice]]:
         """Return the cells below balls."""
@@ -78,14 +81,10 @@ class LeftBone:
         ]
         return [(slice(a, b), slice(c, d)) for a, b, c, d in zip(*ends, strict=True)]
 
-    def _reached(
-        self, cells: tuple[slice, slice], center_bed: Floats, radius_mm: float
-    ) -> tuple[Floats, float]:
-        """Return how low a ball reaches in cells, and its shortest way to the inner boundary."""
+    def _reached(self, cells: tuple[slice, slice], center_bed: Floats, radius_mm: float) -> Floats:
+        """Return how low a ball reaches in cells."""
         x, y, z = center_bed.tolist()
         away2 = ((self.x_mm[cells[0]] - x) ** 2)[:, None] + (self.y_mm[cells[1]] - y) ** 2
         square = radius_mm * radius_mm
         half = np.sqrt(np.maximum(square - away2, 0.0))
-        lowest = np.where(away2 <= square, z - half, np.inf)
-        left = (lowest - self.bounds_mm[2][cells]) * self.cosine[cells]
-        return lowest, float(left.min(initial=np.inf))
+        return np.where(away2 <= square, z - half, np.inf)

@@ -32,36 +32,52 @@ def bone():
 
 
 def test_a_ball_takes_its_cap_layer_by_layer(bone):
-    taken, left = bone.cut(np.array((0.03, -0.07, 0.0)), 2.5)
+    taken = bone.cut(np.array((0.03, -0.07, 0.0)), 2.5)
     assert taken.sum() == pytest.approx(cap_mm3(2.5, 2.5), rel=0.02)
     assert taken[1] == pytest.approx(cap_mm3(2.5, 1.0), rel=0.03)
     assert taken[2:].tolist() == [0.0, 0.0]
-    assert left == pytest.approx(3.5, abs=0.01)
 
 
 def test_below_its_middle_a_ball_takes_the_column_above_it(bone):
-    taken, _ = bone.cut(np.array((0.0, 0.0, -2.0)), 2.5)
+    taken = bone.cut(np.array((0.0, 0.0, -2.0)), 2.5)
     column = np.pi * 2.5**2 * 2.0
     assert taken.sum() == pytest.approx(cap_mm3(2.5, 2.5) + column, rel=0.02)
 
 
 def test_nothing_is_taken_twice(bone):
     bone.cut(np.array((0.0, 0.0, -2.0)), 2.5)
-    again, _ = bone.cut(np.array((0.0, 0.0, -2.0)), 2.5)
+    again = bone.cut(np.array((0.0, 0.0, -2.0)), 2.5)
     assert again.sum() == 0.0
 
 
 def test_past_the_inner_boundary_it_is_dura(bone):
-    taken, left = bone.cut(np.array((0.0, 0.0, -4.0)), 2.5)
-    assert left == pytest.approx(-0.5, abs=0.01)
+    taken = bone.cut(np.array((0.0, 0.0, -4.0)), 2.5)
     assert taken[3] == pytest.approx(cap_mm3(2.5, 0.5), rel=0.05)
 
 
-def test_on_a_slope_the_shortest_way_counts():
-    leaning = LeftBone(FlatBone(0.3), Pose.identity(), 6.0)
-    _, left = leaning.cut(np.array((0.0, 0.0, -2.0)), 2.5)
-    # from the middle of the ball to the plane, less its radius
-    assert left == pytest.approx(4.0 / np.hypot(1.0, 0.3) - 2.5, abs=0.06)
+@pytest.mark.parametrize("depth", [0.0, 2.0, 4.5, 7.0])
+@pytest.mark.parametrize("slope", [0.0, 0.3])
+def test_the_way_to_the_inner_boundary_is_the_shortest_and_negative_once_through(slope, depth):
+    leaning = LeftBone(FlatBone(slope), Pose.identity(), 6.0)
+    left = leaning.ways_to_inner_mm(np.array(((0.03, -0.07, -depth),)), np.array((2.5,)))
+    plane = (6.0 + 0.03 * slope - depth) / np.hypot(1.0, slope)
+    assert left == pytest.approx(plane - 2.5, abs=0.02)
+
+
+def test_a_narrow_pit_is_not_nearer_than_it_is():
+    """The slope of a pit's wall says nothing of a boundary that is far below."""
+
+    class Pitted(FlatBone):
+        def layers(self, origins_skull, directions_skull):
+            away = super().layers(origins_skull, directions_skull)
+            wide = np.hypot(*origins_skull[:, :2].T)
+            away[:, 3] -= 0.5 * np.exp(-0.5 * (wide / 0.4) ** 2)
+            return away
+
+    left = LeftBone(Pitted(), Pose.identity(), 6.0)
+    middle = np.array(((0.0, 0.0, 0.0), (0.5, 0.0, 0.0)))
+    ways = left.ways_to_inner_mm(middle, np.full(2, 2.5))
+    assert ways == pytest.approx([3.0, np.hypot(5.5, 0.5) - 2.5], abs=0.02)
 
 
 def test_a_ray_meets_the_floor_and_what_is_below_it(bone):
