@@ -7,6 +7,7 @@ some places moves all of them (an ensemble Kalman filter with perturbed observat
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.random import Generator
 from scipy.spatial.distance import cdist
 
 from rona_core.geometry.arrays import Bools, Floats, Ints
@@ -23,7 +24,7 @@ class MeasuredFloor:
 
     scans: Ints  # (m,) which of the A-scans
     places_bed: Floats  # (m, 3)
-    residual_mm: Floats  # (m,) by the probe
+    residual_mm: Floats  # (m,) by the probe, along its axis as all of these are
     sigma_mm: Floats  # (m,) of each by itself
     common_share: float  # relative sigma that all share: that of the speed of sound
     mapped_mm: Floats  # (m,) by the maps
@@ -51,12 +52,11 @@ class MeasuredFloor:
 class CorrectedBone:
     """Draws of the bone below a bed, moved by what was measured."""
 
-    def __init__(self, measured: MeasuredFloor) -> None:
-        """Take in what was measured, at least at one place."""
+    def __init__(self, measured: MeasuredFloor, random: Generator) -> None:
+        """Take in what was measured, at least at one place; its noise in the draws is random."""
         self._places = measured.places_bed
         self._off = measured.drawn_mm - measured.drawn_mm.mean(axis=1, keepdims=True)
         count, draws = self._off.shape
-        random = np.random.default_rng(0)
         own = np.hypot(measured.sigma_mm, LEAST_SIGMA_MM)
         common = measured.common_share * measured.residual_mm
         noise = own[:, None] * random.standard_normal((count, draws))

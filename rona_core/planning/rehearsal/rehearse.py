@@ -24,14 +24,16 @@ from rona_core.planning.rehearsal.site import BurrWay, MillingSite, ProbeWay
 
 RESOLVED_MARGIN_MM = 0.3  # over the least bone that the probe resolves
 RESOLVED_SIGMAS = 2.0
-HEAD_MM = 0.1  # rms by which the head moves in its clamp in the meantime; assumed
+# rms by which the burr comes back elsewhere after the scan of the floor: the head has moved in its
+# clamp, and the burr sits anew in its chuck; 0.1 mm each, assumed
+AGAIN_MM = 0.14
 MOST_THROUGH = 0.3  # probability of a breakthrough, above which the burr stops
 WATCH = 200  # steps between two looks at cancel
 AT_ONCE = 512  # places that are worked on together: thousands with all draws take much memory
 
 # boundary heights in bed: places (n, 3) -> (n,)
 Heights = Callable[[Floats], Floats]
-# bone below places (n, 3) of ``bed`` by the maps (n,), and in draws of them (n, k)
+# bone at places (n, 3) of ``bed`` by the maps (n,), and in draws of them (n, k)
 Mapped = Callable[[Floats], tuple[Floats, Floats]]
 # A-scans on a floor, places -> thickness, sigma, ok (m,), and the relative sigma that all share
 MeasureFloor = Callable[[AScanTrack, Floats], tuple[Floats, Floats, Bools, float]]
@@ -55,7 +57,8 @@ class MillingTask:
     """What is to be milled, and what is known of the bone."""
 
     way: BurrWay
-    mapped: Mapped
+    mapped: Mapped  # the shortest way to the inner boundary
+    below: Mapped  # the way along the axis of the bed, as a probe on the floor measures it
     outer_mm: Heights  # of the mapped outer boundary
     raised: RaiseWay
     floor_scan: PlanFloorScan
@@ -128,7 +131,8 @@ class _Rehearsal:
         task, way = self._task, self._task.way
         drawn = task.mapped(way.bottoms_bed)[1]
         pause = self._pause(drawn) if self._guards.rescan else -1
-        wander = HEAD_MM * np.random.default_rng(0).standard_normal(drawn.shape[1])
+        random = np.random.default_rng(0)
+        wander = AGAIN_MM * random.standard_normal(drawn.shape[1])
         count = int(np.searchsorted(way.layers, pause, side="right"))
         later = np.arange(len(way)) >= count
         first, rest = way.part(~later), way.part(later)
@@ -137,7 +141,7 @@ class _Rehearsal:
         if not stopped:
             if len(first):
                 asked, measured = self._scan(measure, first)
-            bone = None if measured is None else CorrectedBone(measured)
+            bone = None if measured is None else CorrectedBone(measured, random)
             drawn = _corrected(bone, way.bottoms_bed, drawn, wander)
             below = drawn[count:]
             if self._guards.rescan:
@@ -197,7 +201,7 @@ class _Rehearsal:
         places = way.places_bed
         track = self._site.scan_floor(replace(way, times_s=way.times_s + milled.times_s.max()))
         thickness, sigma, ok, common = measure(track, places)
-        mapped, drawn = task.mapped(places)
+        mapped, drawn = task.below(places)
         rows = np.arange(len(places))
         measured = MeasuredFloor(rows, places, thickness, sigma, common, mapped, drawn).part(ok)
         measured = measured.without_outliers() if ok.any() else measured

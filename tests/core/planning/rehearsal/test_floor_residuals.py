@@ -29,7 +29,9 @@ def test_an_error_common_to_all_places_is_found_everywhere():
     random = np.random.default_rng(1)
     shift = random.normal(0.0, 0.3, DRAWS)
     places = random.uniform(-4.0, 4.0, (20, 2))
-    bone = CorrectedBone(measured(places, -0.4, 3.0 + np.tile(shift, (20, 1))))
+    bone = CorrectedBone(
+        measured(places, -0.4, 3.0 + np.tile(shift, (20, 1))), np.random.default_rng(0)
+    )
     found = bone.draws(np.zeros((1, 3)), 2.0 + shift[None])
     precision = 1.0 / 0.3**2 + 20.0 / LEAST_SIGMA_MM**2
     wanted = -0.4 * (20.0 / LEAST_SIGMA_MM**2) / precision
@@ -40,7 +42,9 @@ def test_an_error_common_to_all_places_is_found_everywhere():
 def test_what_is_tied_to_nothing_that_was_heard_stays():
     random = np.random.default_rng(2)
     places = random.uniform(-4.0, 4.0, (10, 2))
-    bone = CorrectedBone(measured(places, -0.4, 3.0 + random.normal(0.0, 0.3, (10, DRAWS))))
+    bone = CorrectedBone(
+        measured(places, -0.4, 3.0 + random.normal(0.0, 0.3, (10, DRAWS))), np.random.default_rng(0)
+    )
     own = 2.0 + random.normal(0.0, 0.3, (1, DRAWS))
     found = bone.draws(np.zeros((1, 3)), own)
     assert found.mean() == pytest.approx(2.0, abs=0.1)
@@ -52,7 +56,7 @@ def test_an_error_of_the_speed_stays_however_many_places_were_heard():
     shift = random.normal(0.0, 1.0, DRAWS)
     places = random.uniform(-1.0, 1.0, (60, 2))
     drawn = 3.0 + np.tile(shift, (60, 1))
-    bone = CorrectedBone(measured(places, 0.0, drawn, common=0.05))
+    bone = CorrectedBone(measured(places, 0.0, drawn, common=0.05), np.random.default_rng(0))
     found = bone.draws(np.zeros((1, 3)), 3.0 + shift[None])
     assert found.std() == pytest.approx(0.15, rel=0.15)
 

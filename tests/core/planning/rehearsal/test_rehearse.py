@@ -94,6 +94,7 @@ def task(way=None, mapped_mm=MAPPED_MM, raised=None, floor_scan=pressed):
     return MillingTask(
         way=way,
         mapped=mapped,
+        below=mapped,
         outer_mm=lambda places: np.zeros(len(places)),
         raised=raised or clamped(way),
         floor_scan=floor_scan,
