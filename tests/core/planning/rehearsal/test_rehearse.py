@@ -117,6 +117,22 @@ def test_a_thinner_bone_is_heard_and_the_last_layers_end_higher():
     assert not outcome.stopped
 
 
+def test_what_was_measured_is_held_against_the_way_along_the_axis():
+    """Over a leaning boundary a probe measures more than the shortest way: no thicker bone."""
+    site, cosine = Plate(MAPPED_MM), 0.9
+    planned = task()
+
+    def shortest(places_bed):
+        left, drawn = planned.below(places_bed)
+        return cosine * left, cosine * drawn
+
+    leaning = rehearse(replace(planned, mapped=shortest), site, site.measure)
+    measured = leaning.measured
+    assert measured is not None
+    assert measured.mapped_mm == pytest.approx(planned.below(measured.places_bed)[0])
+    assert leaning.residual_mm == pytest.approx(cosine * (site.lowest_mm - site.inner_mm), abs=0.25)
+
+
 def test_a_raised_way_is_milled_as_it_was_planned_anew_and_time_goes_on():
     asked, followed, site = [], [], Plate(MAPPED_MM + 0.9)
 
