@@ -29,7 +29,9 @@ CONFIDENT = 0.95  # and where its inner boundary is so likely to be the right on
 LEAST_NEAR = 6
 LEAST_SCATTER_MM = 0.01
 LONELY_SLOPE = 0.15  # taken where nobody is around
-FEW_SURE = 0.1  # share of A-scans below which nothing says that all did not take a later wave
+# mean probability of the sure echoes, below which most of them may have taken another wave alike
+LEAST_MEAN_QUALITY = 0.955
+SLIPPED = 3 / 7  # of the simulated patients below it had
 MOST_OF_REGION, MOST_CHOICES = 200, 400  # A-scans that stand for all
 
 
@@ -144,15 +146,15 @@ def lags_at(
 def speed_prior_for(detection: Detection, centre_mhz: float) -> SpeedPrior:
     """Return the prior of a calibration by lags of a detection, with what they share.
 
-    Waves of an echo look alike, a period apart, and only their neighbours tell them apart. Where
-    hardly an A-scan is sure, all that are may have taken the same wrong one, and reference points
-    with them: they are a period off with the probability that the detection leaves to another echo.
+    Waves of an echo look alike, a period apart, and only neighbours tell them apart. Where the sure
+    echoes are less likely than usual, most may have taken the same wrong wave, and reference points
+    with them.
     """
     sure = detection.inner_ok
-    if not sure.any() or sure.mean() >= FEW_SURE:
+    if not sure.any() or detection.inner_quality[sure].mean() >= LEAST_MEAN_QUALITY:
         return PUBLISHED
-    doubt = float(1.0 - detection.inner_quality[sure].mean())
-    return replace(PUBLISHED, timing_us=float(np.hypot(TIMING_US, np.sqrt(doubt) / centre_mhz)))
+    slip_us = np.sqrt(SLIPPED) / centre_mhz
+    return replace(PUBLISHED, timing_us=float(np.hypot(TIMING_US, slip_us)))
 
 
 def _sigma_mm(depth: Floats, slope: Floats, scatter: Floats) -> Floats:

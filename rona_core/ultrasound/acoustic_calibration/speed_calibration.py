@@ -239,8 +239,8 @@ def _judged(made: SpeedCalibration, d: Floats, measured: Floats) -> tuple[str, t
         weak.append(f"the points are thin ({np.median(d):.1f} mm): choose thicker places")
     elif made.share > GOOD_SHARE and prior.timing_us > TIMING_US:
         weak.append(
-            f"known to {100 * made.share:.1f} % only: hardly an A-scan is sure of its echo, and "
-            "all points may have taken a later one. Look at their A-scans, or scan another region"
+            f"known to {100 * made.share:.1f} % only: the echoes are less likely than usual, and "
+            "all may be those of another wave. Look at their A-scans, or scan another region"
         )
     elif made.share > GOOD_SHARE:
         weak.append(
