@@ -7,12 +7,16 @@ import numpy as np
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.implant.view import floor_base
 from rona_core.evaluation.figures import Figures
-from rona_core.evaluation.maps.map_metrics import inner_errors_mm
+from rona_core.evaluation.maps.map_metrics import arrived_base
 from rona_core.evaluation.truth import Truth
 from rona_core.geometry.arrays import Floats
+from rona_core.geometry.pose import Pose
+from rona_core.virtual.milling.left_bone import LeftBone
 
 if TYPE_CHECKING:
     from rona_core.session.document import Session
+
+AROUND_MM = 2.0  # of the floor: where it leans, the nearest place of the boundary is beside it
 
 
 def bed_figures(session: "Session", truth: Truth) -> Figures:
@@ -29,10 +33,20 @@ def bed_figures(session: "Session", truth: Truth) -> Figures:
 
 
 def residual_mm(floor_base: Floats, truth: Truth) -> float | None:
-    """Return the least true bone below places (n, 3) where the robot that made the maps arrives.
+    """Return the shortest way from places (n, 3) to the true inner boundary, the least of all.
 
-    Negative where the bed breaks through; None where the true bone has no inner boundary.
+    The places are where the robot that made the maps arrives. Negative where the bed breaks
+    through; None where the true bone has no inner boundary.
     """
-    left = inner_errors_mm(floor_base, truth, True)  # how far a place is outside that boundary
-    known = left[np.isfinite(left)]
-    return float(known.min()) if len(known) else None
+    arrived = arrived_base(floor_base, truth)
+    up = truth.foot(arrived)[1].mean(axis=0)
+    x, y = np.linalg.svd(up[None])[2][1:]
+    up = np.cross(x, y) * np.sign(np.cross(x, y) @ up)
+    rotation = np.column_stack((np.cross(y, up), y, up))
+    T_base_floor = Pose(rotation, arrived.mean(axis=0))
+    places = T_base_floor.inv() @ arrived
+    reach_mm = float(np.abs(places[:, :2]).max()) + AROUND_MM
+    T_skull_floor = truth.T_base_skull.inv() @ T_base_floor
+    bone = LeftBone(truth.scene.specimen, T_skull_floor, reach_mm)
+    least = float(bone.ways_to_inner_mm(places, np.zeros(len(places))).min())
+    return least if np.isfinite(least) else None

@@ -82,7 +82,8 @@ def outer_errors_mm(points_base: Floats, truth: Truth, systematic: bool) -> Floa
     With ``systematic`` the robot is sent to the mapped points, and the places where it really
     arrives are compared: what remains when the same robot uses the map.
     """
-    return truth.signed_distance_mm(_arrived(points_base, truth, systematic))
+    arrived = arrived_base(points_base, truth) if systematic else points_base
+    return truth.signed_distance_mm(arrived)
 
 
 def other_roll_rms_mm(points_base: Floats, truth: Truth) -> float | None:
@@ -104,7 +105,7 @@ def inner_errors_mm(points_base: Floats, truth: Truth, systematic: bool) -> Floa
     Positive where the map has the inner boundary too far outside, infinite where the true bone has
     none.
     """
-    arrived = _arrived(points_base, truth, systematic)
+    arrived = arrived_base(points_base, truth) if systematic else points_base
     foot, normals = truth.foot(arrived)
     depth = ((foot - arrived) * normals).sum(axis=1)
     return truth.thickness_mm(foot, normals) - depth
@@ -149,9 +150,8 @@ def covered(boundary: "BoundaryMap", region_base: Floats) -> float:
     return float(np.mean(in_u & in_v & boundary.ok[i, j]))
 
 
-def _arrived(points_base: Floats, truth: Truth, systematic: bool) -> Floats:
-    if not systematic:
-        return points_base
+def arrived_base(points_base: Floats, truth: Truth) -> Floats:
+    """Return where the robot that made the maps really arrives (n, 3) when it is sent to points."""
     qs_rad = None if truth.postures is None else truth.postures.at(points_base)
     return points_base + truth.scene.robot_error.systematic_mm(points_base, qs_rad)
 

@@ -19,7 +19,7 @@ def test_what_a_floor_leaves_is_the_thickness_less_its_depth(depth_mm):
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
     depths = depth_mm - np.array([0.0, 0.4, 0.8])
     floor = center + (specimen.radius_mm - depths)[:, None] * ways
-    assert residual_mm(floor, truth) == pytest.approx(THICKNESS_MM - depth_mm, abs=1e-6)
+    assert residual_mm(floor, truth) == pytest.approx(THICKNESS_MM - depth_mm, abs=0.01)
 
 
 def test_without_a_bed_there_are_no_figures():
