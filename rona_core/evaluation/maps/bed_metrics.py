@@ -43,10 +43,10 @@ def residual_mm(floor_base: Floats, truth: Truth) -> float | None:
     x, y = np.linalg.svd(up[None])[2][1:]
     up = np.cross(x, y) * np.sign(np.cross(x, y) @ up)
     rotation = np.column_stack((np.cross(y, up), y, up))
-    T_base_floor = Pose(rotation, arrived.mean(axis=0))
-    places = T_base_floor.inv() @ arrived
+    T_base_bed = Pose(rotation, arrived.mean(axis=0))
+    places = T_base_bed.inv() @ arrived
     reach_mm = float(np.abs(places[:, :2]).max()) + AROUND_MM
-    T_skull_floor = truth.T_base_skull.inv() @ T_base_floor
-    bone = LeftBone(truth.scene.specimen, T_skull_floor, reach_mm)
+    T_skull_bed = truth.T_base_skull.inv() @ T_base_bed
+    bone = LeftBone(truth.scene.specimen, T_skull_bed, reach_mm)
     least = float(bone.ways_to_inner_mm(places, np.zeros(len(places))).min())
     return least if np.isfinite(least) else None
