@@ -24,9 +24,10 @@ from rona_core.planning.rehearsal.site import BurrWay, MillingSite, ProbeWay
 
 RESOLVED_MARGIN_MM = 0.3  # over the least bone that the probe resolves
 RESOLVED_SIGMAS = 2.0
-# rms by which the burr comes back elsewhere after the scan of the floor: the head has moved in its
-# clamp, and the burr sits anew in its chuck; 0.1 mm each, assumed
+# rms by which the burr is elsewhere along the axis of the bed: the head moves in its clamp, and the
+# burr sits anew in its chuck after the scan of the floor; 0.1 mm each, assumed
 AGAIN_MM = 0.14
+NOISE_SEED = (0, 1)  # not that of the errors of execution, which the draws hold
 MOST_THROUGH = 0.3  # probability of a breakthrough, above which the burr stops
 WATCH = 200  # steps between two looks at cancel
 AT_ONCE = 512  # places that are worked on together: thousands with all draws take much memory
@@ -58,7 +59,7 @@ class MillingTask:
 
     way: BurrWay
     mapped: Mapped  # the shortest way to the inner boundary
-    below: Mapped  # the way along the axis of the bed, as a probe on the floor measures it
+    along_axis: Mapped  # the way along the axis of the bed: what a probe on the floor measures
     outer_mm: Heights  # of the mapped outer boundary
     raised: RaiseWay
     floor_scan: PlanFloorScan
@@ -131,7 +132,7 @@ class _Rehearsal:
         task, way = self._task, self._task.way
         drawn = task.mapped(way.bottoms_bed)[1]
         pause = self._pause(drawn) if self._guards.rescan else -1
-        random = np.random.default_rng(0)
+        random = np.random.default_rng(NOISE_SEED)
         wander = AGAIN_MM * random.standard_normal(drawn.shape[1])
         count = int(np.searchsorted(way.layers, pause, side="right"))
         later = np.arange(len(way)) >= count
@@ -201,7 +202,7 @@ class _Rehearsal:
         places = way.places_bed
         track = self._site.scan_floor(replace(way, times_s=way.times_s + milled.times_s.max()))
         thickness, sigma, ok, common = measure(track, places)
-        mapped, drawn = task.below(places)
+        mapped, drawn = task.along_axis(places)
         rows = np.arange(len(places))
         measured = MeasuredFloor(rows, places, thickness, sigma, common, mapped, drawn).part(ok)
         measured = measured.without_outliers() if ok.any() else measured

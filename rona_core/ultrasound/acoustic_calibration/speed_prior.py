@@ -64,7 +64,7 @@ class SpeedPrior:
         spreads = (self.patient_sd_mm_per_us, self.local_sd_mm_per_us)
         if not (0 < min(spreads) and max(spreads) < 1.0 and 0 < self.local_length_mm < 1e3):
             raise InvalidInputError("spreads and the length of a speed must be positive and small")
-        if not (0 <= self.local_log_sd < 2.0 and 0 <= self.timing_us < 1.0):
+        if not (0 <= self.local_log_sd < 2.0 and 0 <= self.timing_us < 2.0):
             raise InvalidInputError("spread of a spread and shared timing must be 0 or small")
 
 

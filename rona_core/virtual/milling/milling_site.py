@@ -58,7 +58,7 @@ class VirtualMillingSite:
             reach = np.abs(way.bottoms_bed[:, :2]).max() + way.radii_mm.max()
             specimen = self._scene.specimen
             self._left = LeftBone(specimen, self._T_skull_bed, float(reach) + AROUND_MM)
-        self._ways_mm = self._left.ways_to_inner_mm(self._centers, way.radii_mm)
+        self._to_inner_mm = self._left.ways_to_inner_mm(self._centers, way.radii_mm)
 
     def left_bone(self) -> LeftBone:
         """Return what is left of the bone; only the evaluation may look at it.
@@ -76,7 +76,7 @@ class VirtualMillingSite:
         self._next += 1
         center, radius = self._centers[row], float(self._way.radii_mm[row])
         volumes = self.left_bone().cut(center, radius)
-        self.least_mm.append(float(self._ways_mm[row]))
+        self.least_mm.append(float(self._to_inner_mm[row]))
         step_mm = float(self._steps_mm[row])
         areas = volumes / step_mm
         force = self._force.of(areas, center, feed_mm_per_s)
@@ -88,7 +88,7 @@ class VirtualMillingSite:
         """Drive along all that is left of the way; nobody feels a force."""
         rows = slice(self._next, len(self._way))
         self.left_bone().cut_along(self._centers[rows], self._way.radii_mm[rows])
-        self.least_mm += self._ways_mm[rows].tolist()
+        self.least_mm += self._to_inner_mm[rows].tolist()
         self._next = len(self._way)
 
     def scan_floor(self, way: ProbeWay) -> AScanTrack:

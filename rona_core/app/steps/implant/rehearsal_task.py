@@ -74,7 +74,7 @@ def task_along(
         drawn, found = residuals(problem, T_map_bed, T_map_bed @ places_bed)
         return found, drawn
 
-    def below(places_bed: Floats) -> tuple[Floats, Floats]:
+    def along_axis(places_bed: Floats) -> tuple[Floats, Floats]:
         drawn, found = depths_along_axis(problem, T_map_bed, T_map_bed @ places_bed)
         return found, drawn
 
@@ -86,7 +86,7 @@ def task_along(
     return MillingTask(
         way=way,
         mapped=mapped,
-        below=below,
+        along_axis=along_axis,
         outer_mm=outer_mm,
         raised=raised,
         floor_scan=floor_scan,
@@ -207,7 +207,7 @@ class FloorDetector:
     def __call__(
         self, track: AScanTrack, places_bed: Floats
     ) -> tuple[Floats, Floats, Bools, float]:
-        """Return thickness, sigma and whether it is sure (m,), and the sigma of the speed."""
+        """Return thickness, sigma and whether it is sure (m,), and the relative sigma of the speed."""
         session, places = self._session, self._T_base_bed @ places_bed
         axis = -self._T_base_bed.rotation[:, 2]
         first: Detection = require_result(
@@ -224,7 +224,8 @@ class FloorDetector:
             sound_speed_mm_per_us=first_speed(None),
             bone_loss=first.bone_loss,
         )
-        speeds, sigmas = speed_at(usable_speed(session) or uncalibrated(), places)
+        known = usable_speed(session)
+        speeds, sigmas = speed_at(uncalibrated() if known is None else known, places)
         found = at_speed(found, speeds)
         share = float(np.hypot(MIXED_SHARE, (sigmas / speeds).mean()))
         return found.thickness_mm, found.thickness_sigma_mm, found.inner_ok, share

@@ -94,7 +94,7 @@ def task(way=None, mapped_mm=MAPPED_MM, raised=None, floor_scan=pressed):
     return MillingTask(
         way=way,
         mapped=mapped,
-        below=mapped,
+        along_axis=mapped,
         outer_mm=lambda places: np.zeros(len(places)),
         raised=raised or clamped(way),
         floor_scan=floor_scan,
@@ -123,13 +123,13 @@ def test_what_was_measured_is_held_against_the_way_along_the_axis():
     planned = task()
 
     def shortest(places_bed):
-        left, drawn = planned.below(places_bed)
+        left, drawn = planned.along_axis(places_bed)
         return cosine * left, cosine * drawn
 
     leaning = rehearse(replace(planned, mapped=shortest), site, site.measure)
     measured = leaning.measured
     assert measured is not None
-    assert measured.mapped_mm == pytest.approx(planned.below(measured.places_bed)[0])
+    assert measured.mapped_mm == pytest.approx(planned.along_axis(measured.places_bed)[0])
     assert leaning.residual_mm == pytest.approx(cosine * (site.lowest_mm - site.inner_mm), abs=0.25)
 
 

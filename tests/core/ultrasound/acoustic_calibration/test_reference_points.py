@@ -191,3 +191,8 @@ def test_a_calibration_with_lags_that_may_be_a_period_late_is_weak_and_says_so()
     assert known.verdict == "weak"
     assert "all may be those of another wave" in known.reasons[-1]
     assert abs(known.speed_mm_per_us - 2.7) < 2.0 * known.sigma_mm_per_us
+
+
+def test_a_probe_of_the_lowest_frequency_has_a_prior_too():
+    doubted = replace(detection(np.full(9, 6.0)), inner_quality=readonly(np.full(9, 0.9)))
+    assert speed_prior_for(doubted, centre_mhz=0.5).timing_us > 1.0
