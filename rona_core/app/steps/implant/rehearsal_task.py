@@ -207,7 +207,7 @@ class FloorDetector:
     def __call__(
         self, track: AScanTrack, places_bed: Floats
     ) -> tuple[Floats, Floats, Bools, float]:
-        """Return thickness, sigma and whether it is sure (m,), and the relative sigma of the speed."""
+        """Return thickness, sigma and whether it is sure (m,), and the speed's relative sigma."""
         session, places = self._session, self._T_base_bed @ places_bed
         axis = -self._T_base_bed.rotation[:, 2]
         first: Detection = require_result(
