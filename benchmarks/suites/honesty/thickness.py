@@ -6,7 +6,7 @@ that the program proposes. *Common* is the mean over the region, *local* what a 
 from it, once what the mean speed does to its thickness is taken off: the speed that all places
 share errs more where bone is thick, and its sigma says so. A-scans that took another echo (1 mm
 off and more) are left out: ``bone_kinds`` has them. Tuned were limits and priors on seeds 10000 to
-10109, the split was looked at on 10000 to 10059 and 45000 to 45109.
+10109 and 45000 to 45119, where the split was looked at as well.
 """
 
 from collections.abc import Iterator
