@@ -33,20 +33,20 @@ def bed_figures(session: "Session", truth: Truth) -> Figures:
 
 
 def residual_mm(floor_base: Floats, truth: Truth) -> float | None:
-    """Return the shortest way from places (n, 3) to the true inner boundary, the least of all.
+    """Return the shortest distance from any of places (n, 3) to the true inner boundary.
 
     The places are where the robot that made the maps arrives. Negative where the bed breaks
     through; None where the true bone has no inner boundary.
     """
     arrived = arrived_base(floor_base, truth)
     up = truth.foot(arrived)[1].mean(axis=0)
-    x, y = np.linalg.svd(up[None])[2][1:]
-    up = np.cross(x, y) * np.sign(np.cross(x, y) @ up)
-    rotation = np.column_stack((np.cross(y, up), y, up))
+    up /= np.linalg.norm(up)
+    x = np.linalg.svd(up[None])[2][1]
+    rotation = np.column_stack((x, np.cross(up, x), up))
     T_base_bed = Pose(rotation, arrived.mean(axis=0))
     places = T_base_bed.inv() @ arrived
     reach_mm = float(np.abs(places[:, :2]).max()) + AROUND_MM
     T_skull_bed = truth.T_base_skull.inv() @ T_base_bed
     bone = LeftBone(truth.scene.specimen, T_skull_bed, reach_mm)
-    least = float(bone.ways_to_inner_mm(places, np.zeros(len(places))).min())
+    least = float(bone.distances_to_inner_mm(places, np.zeros(len(places))).min())
     return least if np.isfinite(least) else None

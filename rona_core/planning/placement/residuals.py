@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.sparse import csr_matrix
 
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose
@@ -31,24 +30,14 @@ def residuals(
     Returns:
         In the draws (m, n), in the map (m,).
     """
-    bone = problem.bone
-    operator = bone.operator(points_map[:, :2])
-    normals_map = _inner_normals(bone, operator)
-    cosine = normals_map[:, 2]
-    mapped = cosine * (points_map[:, 2] - operator @ bone.inner.height_mm.ravel())
-    drawn = operator @ bone.inner_draws
-    np.subtract(points_map[:, 2, None], drawn, out=drawn)
-    drawn *= cosine[:, None]
-    normals_bed = normals_map @ T_map_bed.rotation
-    for start in range(0, len(drawn), AT_ONCE):
-        drawn[start : start + AT_ONCE] += normals_bed[start : start + AT_ONCE] @ problem.errors_bed
+    drawn, mapped, _ = _to_inner(problem, T_map_bed, points_map)
     return drawn, mapped
 
 
 def depths_along_axis(
     problem: PlacementProblem, T_map_bed: Pose, points_map: Floats
 ) -> tuple[Floats, Floats]:
-    """Return the way from points (m, 3) along the axis of a bed to the inner boundary.
+    """Return the distance from points (m, 3) along the axis of a bed to the inner boundary.
 
     What a probe measures that stands on a floor: over a boundary that leans it is more than the
     shortest way, see ``residuals``.
@@ -56,18 +45,28 @@ def depths_along_axis(
     Returns:
         In the draws (m, n), in the map (m,).
     """
-    drawn, mapped = residuals(problem, T_map_bed, points_map)
-    operator = problem.bone.operator(points_map[:, :2])
-    lean = _inner_normals(problem.bone, operator) @ T_map_bed.rotation[:, 2]
-    drawn /= lean[:, None]
-    return drawn, mapped / lean
+    drawn, mapped, normals_bed = _to_inner(problem, T_map_bed, points_map)
+    drawn /= normals_bed[:, 2:]
+    return drawn, mapped / normals_bed[:, 2]
 
 
-def _inner_normals(bone: MappedBone, operator: csr_matrix) -> Floats:
-    """Return the outward normals (m, 3) of the mapped inner boundary, in ``map``."""
+def _to_inner(
+    problem: PlacementProblem, T_map_bed: Pose, points_map: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Return ``residuals``, and the outward normals (m, 3) of the inner map in ``bed``."""
+    bone = problem.bone
+    operator = bone.operator(points_map[:, :2])
     cosine = operator @ bone.cosine.ravel()
     slopes = operator @ bone.inner_slopes.reshape(-1, 2)
-    return np.asarray(cosine[:, None] * np.column_stack((-slopes, np.ones(len(slopes)))))
+    mapped = cosine * (points_map[:, 2] - operator @ bone.inner.height_mm.ravel())
+    normals_map = cosine[:, None] * np.column_stack((-slopes, np.ones(len(slopes))))
+    drawn = operator @ bone.inner_draws
+    np.subtract(points_map[:, 2, None], drawn, out=drawn)
+    drawn *= cosine[:, None]
+    normals_bed = normals_map @ T_map_bed.rotation
+    for start in range(0, len(drawn), AT_ONCE):
+        drawn[start : start + AT_ONCE] += normals_bed[start : start + AT_ONCE] @ problem.errors_bed
+    return drawn, mapped, normals_bed
 
 
 def margins(problem: PlacementProblem, T_map_bed: Pose, solid: SolidPoints) -> Floats:

@@ -26,7 +26,7 @@ RESOLVED_MARGIN_MM = 0.3  # over the least bone that the probe resolves
 RESOLVED_SIGMAS = 2.0
 # rms by which the burr is elsewhere along the axis of the bed: the head moves in its clamp, and the
 # burr sits anew in its chuck after the scan of the floor; 0.1 mm each, assumed
-AGAIN_MM = 0.14
+REPOSITIONING_MM = 0.14
 NOISE_SEED = (0, 1)  # not that of the errors of execution, which the draws hold
 MOST_THROUGH = 0.3  # probability of a breakthrough, above which the burr stops
 WATCH = 200  # steps between two looks at cancel
@@ -133,7 +133,7 @@ class _Rehearsal:
         drawn = task.mapped(way.bottoms_bed)[1]
         pause = self._pause(drawn) if self._guards.rescan else -1
         random = np.random.default_rng(NOISE_SEED)
-        wander = AGAIN_MM * random.standard_normal(drawn.shape[1])
+        wander = REPOSITIONING_MM * random.standard_normal(drawn.shape[1])
         count = int(np.searchsorted(way.layers, pause, side="right"))
         later = np.arange(len(way)) >= count
         first, rest = way.part(~later), way.part(later)

@@ -31,7 +31,7 @@ LEAST_SCATTER_MM = 0.01
 LONELY_SLOPE = 0.15  # taken where nobody is around
 # mean probability of the sure echoes, below which most of them may have taken another wave alike
 LEAST_MEAN_QUALITY = 0.955
-SLIPPED = 3 / 7  # of the simulated patients below it had
+CYCLE_SLIP_PROBABILITY = 3 / 7  # of the simulated patients below it, three of seven had
 MOST_OF_REGION, MOST_CHOICES = 200, 400  # A-scans that stand for all
 
 
@@ -147,13 +147,13 @@ def speed_prior_for(detection: Detection, centre_mhz: float) -> SpeedPrior:
     """Return the prior of a calibration by lags of a detection, with what they share.
 
     Waves of an echo look alike, a period apart, and only neighbours tell them apart. Where the sure
-    echoes are less likely than usual, most may have taken the same wrong wave, and reference points
-    with them.
+    echoes are less likely than usual, most may have taken the same wrong wave (a cycle slip), and
+    reference points with them.
     """
     sure = detection.inner_ok
     if not sure.any() or detection.inner_quality[sure].mean() >= LEAST_MEAN_QUALITY:
         return PUBLISHED
-    slip_us = np.sqrt(SLIPPED) / centre_mhz
+    slip_us = np.sqrt(CYCLE_SLIP_PROBABILITY) / centre_mhz
     return replace(PUBLISHED, timing_us=float(np.hypot(TIMING_US, slip_us)))
 
 

@@ -59,11 +59,11 @@ class LeftBone:
             lowest = self._reached(cells, centers_bed[row], float(radii_mm[row]))
             np.minimum(self.top_mm[cells], lowest, out=self.top_mm[cells])
 
-    def ways_to_inner_mm(self, centers_bed: Floats, radii_mm: Floats) -> Floats:
-        """Return the shortest way (n,) from balls (n, 3) to the inner boundary; negative: through.
+    def distances_to_inner_mm(self, centers_bed: Floats, radii_mm: Floats) -> Floats:
+        """Return the distances (n,) from balls (n, 3) to the inner boundary; negative: through.
 
         To the nearest of its places 0.2 mm apart: a ball of 2 mm radius that touches it is 0.01 mm
-        off. Over a hole it is the way to its edge; infinite where there is no such boundary at all.
+        off. Over a hole it is that to its edge; infinite where there is no such boundary at all.
         """
         if not self._inner.n:
             return np.full(len(radii_mm), np.inf)

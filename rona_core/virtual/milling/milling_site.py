@@ -58,7 +58,7 @@ class VirtualMillingSite:
             reach = np.abs(way.bottoms_bed[:, :2]).max() + way.radii_mm.max()
             specimen = self._scene.specimen
             self._left = LeftBone(specimen, self._T_skull_bed, float(reach) + AROUND_MM)
-        self._to_inner_mm = self._left.ways_to_inner_mm(self._centers, way.radii_mm)
+        self._to_inner_mm = self._left.distances_to_inner_mm(self._centers, way.radii_mm)
 
     def left_bone(self) -> LeftBone:
         """Return what is left of the bone; only the evaluation may look at it.

@@ -28,10 +28,7 @@ from rona_core.robot.planning.plan_cutting import CuttingPlanSettings
 from rona_core.robot.planning.plan_scan import plan_scan
 from rona_core.session.document import Session
 from rona_core.ultrasound.acoustic_calibration.reference_points import at_speed
-from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
-    speed_at,
-    uncalibrated,
-)
+from rona_core.ultrasound.acoustic_calibration.speed_calibration import speed_at, uncalibrated
 from rona_core.ultrasound.detection.detect import Detection, detect
 from rona_core.ultrasound.probe.probe_model import ProbeSurvey
 

@@ -8,7 +8,7 @@ import pytest
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import readonly
 from rona_core.ultrasound.acoustic_calibration.reference_points import (
-    SLIPPED,
+    CYCLE_SLIP_PROBABILITY,
     at_speed,
     lags_at,
     propose_references,
@@ -170,7 +170,9 @@ def test_an_echo_that_is_hardly_sure_is_not_chosen():
     assert not doubtful[propose_references(places, unsure, 3).scans].any()
 
 
-@pytest.mark.parametrize(("quality", "slipped"), [(1.0, 0.0), (0.96, 0.0), (0.95, SLIPPED)])
+@pytest.mark.parametrize(
+    ("quality", "slipped"), [(1.0, 0.0), (0.96, 0.0), (0.95, CYCLE_SLIP_PROBABILITY)]
+)
 def test_where_echoes_are_less_likely_than_usual_all_lags_may_be_a_period_off(quality, slipped):
     found = detection(np.full(100, 6.0), ok=np.arange(100) < 60)
     of_all = np.where(np.arange(100) < 60, quality, 0.0)  # only those of the sure ones count

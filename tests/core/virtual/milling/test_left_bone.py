@@ -59,7 +59,7 @@ def test_past_the_inner_boundary_it_is_dura(bone):
 @pytest.mark.parametrize("slope", [0.0, 0.3])
 def test_the_way_to_the_inner_boundary_is_the_shortest_and_negative_once_through(slope, depth):
     leaning = LeftBone(FlatBone(slope), Pose.identity(), 6.0)
-    left = leaning.ways_to_inner_mm(np.array(((0.03, -0.07, -depth),)), np.array((2.5,)))
+    left = leaning.distances_to_inner_mm(np.array(((0.03, -0.07, -depth),)), np.array((2.5,)))
     plane = (6.0 + 0.03 * slope - depth) / np.hypot(1.0, slope)
     assert left == pytest.approx(plane - 2.5, abs=0.02)
 
@@ -76,7 +76,7 @@ def test_a_narrow_pit_is_not_nearer_than_it_is():
 
     left = LeftBone(Pitted(), Pose.identity(), 6.0)
     middle = np.array(((0.0, 0.0, 0.0), (0.5, 0.0, 0.0)))
-    ways = left.ways_to_inner_mm(middle, np.full(2, 2.5))
+    ways = left.distances_to_inner_mm(middle, np.full(2, 2.5))
     assert ways == pytest.approx([3.0, np.hypot(5.5, 0.5) - 2.5], abs=0.02)
 
 
