@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.random import Generator
 from scipy.ndimage import map_coordinates
+from scipy.spatial import KDTree
 
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.pose import Pose
@@ -12,6 +13,9 @@ from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.planning.bed import Bed
 from rona_core.planning.placement.mapped_bone import MappedBone
 from rona_core.planning.placement.settings import ExecutionError
+
+AROUND_MM = 3.0  # of a bed, where the nearest place of the boundary may be
+FINE_MM = 0.2  # between its places
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,15 +74,24 @@ def milled(generator: Generator, execution: ExecutionError, T_map_bed: Pose) -> 
 def true_residual_mm(world: BoneWorld, bed: Bed, T_map_bed: Pose) -> float:
     """Return the least distance of any cell of a bed from the true inner boundary.
 
-    With splines, every cell and the slope of the truth: another way than that of the planner.
+    From every cell to the nearest place of a fine spline: another way than that of the planner.
     """
     i, j = np.nonzero(bed.cut())
     points = T_map_bed @ np.column_stack((bed.x_mm[i], bed.y_mm[j], -bed.depth_mm[i, j]))
-    cells = np.stack((points[:, 0] - world.u_mm[0], points[:, 1] - world.v_mm[0]))
-    inner = map_coordinates(world.inner_true_mm, cells, order=3, mode="nearest")
-    slopes = [np.gradient(world.inner_true_mm, axis=axis) for axis in (0, 1)]
-    steep = sum(map_coordinates(slope, cells, order=1, mode="nearest") ** 2 for slope in slopes)
-    return float(((points[:, 2] - inner) / np.sqrt(1.0 + steep)).min())
+    u, v = (
+        np.arange(points[:, axis].min() - AROUND_MM, points[:, axis].max() + AROUND_MM, FINE_MM)
+        for axis in (0, 1)
+    )
+    places = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
+    inner = np.column_stack((places, _inner_mm(world, places)))
+    away = np.asarray(KDTree(inner).query(points)[0])
+    through = points[:, 2] < _inner_mm(world, points[:, :2])
+    return float(np.where(through, -away, away).min())
+
+
+def _inner_mm(world: BoneWorld, places_mm: Floats) -> Floats:
+    cells = (places_mm - (world.u_mm[0], world.v_mm[0])).T  # are 1 mm wide
+    return np.asarray(map_coordinates(world.inner_true_mm, cells, order=3, mode="nearest"))
 
 
 def round_bed(diameter_mm: float, depth_mm: float, cell_mm: float = 0.2) -> Bed:

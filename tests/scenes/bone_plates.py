@@ -7,6 +7,8 @@ from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.pose import Pose
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.planning.placement.mapped_bone import MappedBone
+from rona_core.planning.placement.problem import PlacementProblem
+from rona_core.planning.placement.settings import ExecutionError, PlacementLimits
 
 AT: Floats = np.linspace(-20.0, 20.0, 41)
 U, V = np.meshgrid(AT, AT, indexing="ij")
@@ -39,3 +41,8 @@ def plate(
 
 def normal_quantiles(count: int) -> Floats:
     return np.asarray(norm.ppf((np.arange(count) + 0.5) / count), dtype=np.float64)
+
+
+def exact_problem(bone: MappedBone, limit_mm: float = 1.0) -> PlacementProblem:
+    """Return what is asked of a bed that is milled just as it was planned."""
+    return PlacementProblem(bone, ExecutionError(0.0, 0.0), PlacementLimits(limit_mm))

@@ -21,8 +21,8 @@ from rona_core.compose import build_virtual_rig
 from rona_core.evaluation.truth import truth_of
 from rona_core.geometry.arrays import Bools, Floats, Ints
 
-SEEDS = range(40_760, 40_868)
-SKULL_SEEDS = range(38_050, 38_053)
+SEEDS = range(40_868, 40_976)
+SKULL_SEEDS = range(38_053, 38_056)
 FILES: tuple[Path, ...] = ()  # sessions with virtual devices that count as well
 BEDS = 12  # drawn on each patient
 REQUIRED = 0.99

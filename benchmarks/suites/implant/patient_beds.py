@@ -37,12 +37,14 @@ from rona_core.planning.bed import Bed
 from rona_core.planning.implants.catalogue import CATALOGUE, implant_named
 from rona_core.planning.implants.implant import MOST_LIFT_MM
 from rona_core.planning.milling.removal import planned_bed
+from rona_core.planning.placement.chance import scores
 from rona_core.planning.placement.evaluate import judge_placement
 from rona_core.planning.placement.figures import PlacementFigures
 from rona_core.planning.placement.problem import PlacementProblem
+from rona_core.planning.placement.residuals import residuals
 from rona_core.planning.placement.seat import Placement
 from rona_core.planning.placement.settings import PlacementLimits
-from rona_core.planning.placement.solid_points import solid_points
+from rona_core.planning.placement.solid_points import lowest_of_blocks, solid_points
 from rona_core.session.document import Session
 from rona_core.virtual.milling.true_burr import SEAT_MM
 
@@ -176,23 +178,27 @@ def _milled(patient: Patient, generator: Generator, T_base_bed: Pose) -> Pose:
 def _at_level(
     problem: PlacementProblem, bed: Bed, place: Placement, level: float
 ) -> tuple[float, PlacementFigures] | None:
-    """Return the limit that gives this standard normal quantile of P, and the placement with it."""
-    solid = solid_points(bed, (), problem.bone.cell_mm)
+    """Return a limit that gives about this standard normal quantile of P, and the placement.
+
+    By what is left below the places of the floor; with the limit from that, P is what step 10 says.
+    """
 
     def at(limit_mm: float) -> PlacementFigures:
         problem.limits = PlacementLimits(limit_mm)
-        return judge_placement(problem, solid, place)
+        return judge_placement(problem, solid_points(problem, bed), place)
 
     figures = at(0.0)
-    if figures.chance is None or figures.chance.score < level:
+    if figures.chance is None:
+        return None
+    floor = lowest_of_blocks(bed, problem.bone.cell_mm)
+    drawn, _ = residuals(problem, figures.T_map_bed, figures.T_map_bed @ floor)
+    least = drawn.min(axis=0)
+    if float(scores(least, 0.0)) < level:
         return None
     low, high = 0.0, 10.0
     for _ in range(ROUNDS):
         middle = 0.5 * (low + high)
-        figures = at(middle)
-        if figures.chance is None:
-            return None
-        low, high = (middle, high) if figures.chance.score > level else (low, middle)
+        low, high = (middle, high) if float(scores(least, middle)) > level else (low, middle)
     return low, at(low)
 
 
@@ -219,4 +225,4 @@ def _bed(name: str, lift_mm: float) -> Bed | None:
 
 def _floor(bed: Bed) -> Floats:
     """Return places (n, 3) all over the lower side of a bed, in ``bed``."""
-    return solid_points(bed, (), FLOOR_MM).floor
+    return lowest_of_blocks(bed, FLOOR_MM)

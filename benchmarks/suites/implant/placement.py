@@ -122,7 +122,7 @@ def _with_screws(progress: Progress) -> Iterator[Metric]:
 def _one_placement() -> Metric:
     """Return the time of a placement while somebody drags it."""
     problem = any_problem(np.random.default_rng(0), REGION_MM)
-    solid = solid_points(round_bed(18.2, 4.5), (), problem.bone.cell_mm)
+    solid = solid_points(problem, round_bed(18.2, 4.5))
     place = Placement(3.0, -4.0, 0.3, 0.02, 0.0)
     time_ms = cpu_ms(lambda: judge_placement(problem, solid, place))
     return Metric("one placement with 200 draws: CPU", time_ms, "ms", "lower", goal=50.0)
@@ -138,13 +138,13 @@ def random_bed(generator: Generator) -> Outcome:
     place = Placement(u, v, generator.uniform(0.0, np.pi), *tilts)
     wanted = problem.limits.residual_mm + generator.uniform(-0.1, 1.1)
     depth, bed = 2.0, oblong_bed(length, width, 2.0)
-    judged = judge_placement(problem, solid_points(bed, (), 1.0), place)
+    judged = judge_placement(problem, solid_points(problem, bed), place)
     for _ in range(3):  # a deeper bed leaves less, not quite by as much
         if judged.residual_mm is None:
             raise ValueError("a bed in the middle of a whole map lies over it")
         depth = max(0.3, depth + judged.residual_mm - wanted)
         bed = oblong_bed(length, width, depth)
-        judged = judge_placement(problem, solid_points(bed, (), 1.0), place)
+        judged = judge_placement(problem, solid_points(problem, bed), place)
     return _outcome(generator, world, bed, judged)
 
 

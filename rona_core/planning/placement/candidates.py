@@ -1,6 +1,7 @@
 """All placements of a bed on a grid: screened with the map, then the promising ones with draws."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -11,11 +12,16 @@ from rona_core.planning.placement.chance import scores
 from rona_core.planning.placement.evaluate import judge_placement
 from rona_core.planning.placement.figures import PlacementFigures, Shortfall, objective
 from rona_core.planning.placement.problem import PlacementProblem
-from rona_core.planning.placement.residuals import beyond_screws, residuals, screw_places
+from rona_core.planning.placement.residuals import (
+    bed_margins,
+    beyond_screws,
+    residuals_of_map,
+    screw_places,
+)
 from rona_core.planning.placement.screening import Screen
 from rona_core.planning.placement.seat import Placement, lay_seats, tilted
 from rona_core.planning.placement.settings import SearchGrid
-from rona_core.planning.placement.solid_points import SolidPoints, least_reach_mm, solid_points
+from rona_core.planning.placement.solid_points import SolidPoints, least_reach_mm, lowest_of_blocks
 
 LEAN = 0.8  # of its least reach a bed covers in the plane of the map, however it leans
 ANCHOR_CELLS = 2  # every other place along u and v is judged with draws
@@ -39,8 +45,8 @@ class Candidates:
         self.cells: Ints = np.argwhere(roomy)
         self.places_mm = bone.places_mm()[roomy]
         self.angles, self.tilts = grid.angles_rad(solid.turn_rad), grid.tilt_pairs_rad()
-        coarse = solid_points(bed, solid.screws, 2.0 * bone.cell_mm)
-        coarse = SolidPoints(coarse.floor, solid.rim[::2], solid.screws, solid.turn_rad)
+        floor = lowest_of_blocks(bed, 2.0 * bone.cell_mm)
+        coarse = replace(solid, floor=floor, rim=solid.rim[::2])
         screen = Screen(problem)
         looks = [screen.look(coarse, self.places_mm, angle, self.tilts) for angle in self.angles]
         self.room_mm = np.stack([look.room_mm for look in looks], axis=1)
@@ -108,7 +114,6 @@ class Candidates:
         """Yield score and least residual of placements, with all draws; -inf: not all mapped."""
         bone, solid = self.problem.bone, self.solid
         seats = lay_seats(bone, solid.rim, self.places_mm[k], self.angles[a])
-        limit = self.problem.limits.residual_mm
         rim = np.column_stack((solid.rim, np.zeros(len(solid.rim))))
         for i in range(len(k)):
             T_map_bed = tilted(seats, i, self._placement(k[i], a[i], t[i]))
@@ -118,12 +123,11 @@ class Candidates:
             if not bone.covered(touched).all():
                 yield -np.inf, -np.inf
                 continue
-            drawn, mapped = residuals(self.problem, T_map_bed, floor_map)
-            score = float(scores(drawn.min(axis=0), limit))
+            score = float(scores(bed_margins(self.problem, T_map_bed, solid), 0.0))
             if solid.screws:
                 beyond, _ = beyond_screws(self.problem, T_map_bed, screws_map)
                 score = min(score, float(scores(beyond.T, 0.0).min()))
-            yield score, float(mapped.min())
+            yield score, float(residuals_of_map(bone, floor_map).min())
 
     def _placement(self, k: int, a: int, t: int) -> Placement:
         u_mm, v_mm = self.places_mm[k].tolist()

@@ -14,7 +14,12 @@ from rona_core.planning.placement.figures import (
     objective,
 )
 from rona_core.planning.placement.problem import PlacementProblem
-from rona_core.planning.placement.residuals import judge_screws, residuals, screw_places
+from rona_core.planning.placement.residuals import (
+    bed_margins,
+    judge_screws,
+    residuals_of_map,
+    screw_places,
+)
 from rona_core.planning.placement.seat import Placement, lay_seats, tilted
 from rona_core.planning.placement.settings import PlacementLimits
 from rona_core.planning.placement.solid_points import SolidPoints
@@ -106,10 +111,10 @@ def _left(
     screws_map: Floats,
 ) -> _Left:
     """Return the residual of a bed and the bone at its screws."""
-    drawn, mapped = residuals(problem, T_map_bed, floor_map)
+    mapped = residuals_of_map(problem.bone, floor_map)
     thinnest = int(np.argmin(mapped))
     return _Left(
-        chance=chance_above(drawn.min(axis=0), problem.limits.residual_mm),
+        chance=chance_above(bed_margins(problem, T_map_bed, solid), 0.0),
         residual_mm=float(mapped[thinnest]),
         thinnest_map=readonly(floor_map[thinnest].copy()),
         screws=judge_screws(problem, T_map_bed, solid.screws, screws_map),

@@ -48,7 +48,7 @@ def search_placements(
     Raises:
         InvalidInputError: the bed is larger than the region, or no bed at all.
     """
-    solid = solid_points(bed, screws, problem.bone.cell_mm)
+    solid = solid_points(problem, bed, screws)
     _check_size(problem, bed)
     found = Candidates(problem, solid, bed, grid or SearchGrid())
     best, cells = found.best(), tuple(found.cells.T)

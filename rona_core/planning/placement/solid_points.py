@@ -1,14 +1,19 @@
-"""Places of a bed that are looked at: the lowest of every block of cells, and its rim."""
+"""Places of a bed that are looked at: the lowest of every block of cells, and its rim.
+
+The bone left below a bed is at least some limit where the inner boundary stays out of the bed grown
+by that limit, so the lower side of that solid is looked at as well.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import binary_erosion, map_coordinates
+from scipy.ndimage import binary_erosion, grey_dilation, map_coordinates
 
 from rona_core.devices.settings import require
 from rona_core.geometry.arrays import Bools, Floats, readonly
 from rona_core.planning.bed import Bed, Screw
+from rona_core.planning.placement.problem import PlacementProblem
 
 RIM_POINTS = 48
 TURNS = (24, 4, 2)  # a full turn by these that gives the same bed: round, square, oblong
@@ -22,28 +27,43 @@ class SolidPoints:
     """Places in frame ``bed``: of the swept solid, of its rim, and of the screws' ends."""
 
     floor: Floats  # (n, 3) on its lower side
+    offset: Floats  # (k, 3) on the lower side of that solid grown by the limit
     rim: Floats  # (m, 2) of the outermost cells
     screws: tuple[Screw, ...]
     turn_rad: float  # after which the bed looks the same; 0: it is round
 
 
-def solid_points(bed: Bed, screws: Sequence[Screw], block_mm: float) -> SolidPoints:
+def solid_points(problem: PlacementProblem, bed: Bed, screws: Sequence[Screw] = ()) -> SolidPoints:
     """Return the places of a bed that decide what bone it leaves.
 
-    Of each block of cells the lowest one is taken, of equally low ones that farthest out: above a
-    boundary that is smooth over a block, no other cell comes closer to it.
-
     Args:
+        problem: With the cells of the map and the limit.
         bed: The solid that the burr sweeps.
         screws: Beside it.
-        block_mm: Side of a block; a cell of the map does.
 
     Raises:
         InvalidInputError: the burr takes nothing away, or the cells are not even.
     """
     check_bed(bed)
-    cut = bed.cut()
-    i, j = np.nonzero(cut)
+    cut, cell_mm = bed.cut(), problem.bone.cell_mm
+    turns = [n for n in TURNS if not screws and _same_after(bed, cut, 2.0 * np.pi / n)]
+    most = max(turns, default=1)
+    return SolidPoints(
+        floor=lowest_of_blocks(bed, cell_mm),
+        offset=lowest_of_blocks(offset_bed(bed, problem.limits.residual_mm), cell_mm),
+        rim=readonly(_rim(bed, cut)),
+        screws=tuple(screws),
+        turn_rad=0.0 if most == TURNS[0] else 2.0 * np.pi / most,
+    )
+
+
+def lowest_of_blocks(bed: Bed, block_mm: float) -> Floats:
+    """Return the lowest cell (n, 3) of each block of a bed, in ``bed``.
+
+    Of equally low ones that farthest out: above a boundary that is smooth over a block, no other
+    cell comes closer to it.
+    """
+    i, j = np.nonzero(bed.cut())
     x, y, depth = bed.x_mm[i], bed.y_mm[j], bed.depth_mm[i, j]
     middle = np.array([np.ptp(x) / 2 + x.min(), np.ptp(y) / 2 + y.min()])
     out = np.hypot(x - middle[0], y - middle[1])
@@ -51,15 +71,23 @@ def solid_points(bed: Bed, screws: Sequence[Screw], block_mm: float) -> SolidPoi
     order = np.lexsort((-out, -depth.round(6), blocks[1], blocks[0]))
     first = np.ones(len(order), dtype=np.bool_)
     first[1:] = (np.diff(blocks[:, order], axis=1) != 0).any(axis=0)
-    kept = order[first]
-    turns = [n for n in TURNS if not screws and _same_after(bed, cut, 2.0 * np.pi / n)]
-    most = max(turns, default=1)
-    return SolidPoints(
-        floor=readonly(np.column_stack((x, y, -depth))[kept]),
-        rim=readonly(_rim(bed, cut)),
-        screws=tuple(screws),
-        turn_rad=0.0 if most == TURNS[0] else 2.0 * np.pi / most,
+    return readonly(np.column_stack((x, y, -depth))[order[first]])
+
+
+def offset_bed(bed: Bed, distance_mm: float) -> Bed:
+    """Return a bed grown by a distance to all sides: the grey dilation of its depths by a ball."""
+    step_mm = float(bed.x_mm[1] - bed.x_mm[0])
+    count = int(distance_mm / step_mm)
+    steps = step_mm * np.arange(-count, count + 1)
+    under = distance_mm**2 - steps[:, None] ** 2 - steps**2
+    ball = np.where(under >= 0.0, np.sqrt(np.maximum(under, 0.0)), -np.inf)
+    below = np.pad(np.where(bed.cut(), bed.depth_mm, -np.inf), count, constant_values=-np.inf)
+    grown = np.asarray(grey_dilation(below, structure=ball, mode="constant", cval=-np.inf))
+    x_mm, y_mm = (
+        np.concatenate((axis[0] + steps[:count], axis, axis[-1] + steps[count + 1 :]))
+        for axis in (bed.x_mm, bed.y_mm)
     )
+    return Bed(x_mm, y_mm, np.maximum(grown, 0.0))
 
 
 def check_bed(bed: Bed) -> None:

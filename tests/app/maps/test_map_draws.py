@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import ndtr
 
 from rona_core.app.runtime.session_step import Undo
 from rona_core.app.steps.maps.accuracy.echo_terms import UNHEARD
-from rona_core.app.steps.maps.accuracy.error_terms import HIDDEN_ALIKE, hidden_depths
+from rona_core.app.steps.maps.accuracy.error_terms import HIDDEN_ALIKE, HIDDEN_FROM, hidden_depths
 from rona_core.app.steps.maps.accuracy.map_accuracy import map_accuracy
 from rona_core.app.steps.maps.accuracy.map_draws import MOST_DRAWS, draw_maps
 from rona_core.app.steps.maps.accuracy.map_terms import map_terms
@@ -145,7 +146,7 @@ def test_hidden_depths_have_their_rms_and_what_they_share():
     field = np.random.default_rng(0).standard_normal(2_000_000)
     depths = hidden_depths(field)
     assert depths.min() == 0.0
-    assert np.count_nonzero(depths) / len(depths) == pytest.approx(1.0 / 15.0, rel=0.02)
+    assert np.count_nonzero(depths) / len(depths) == pytest.approx(ndtr(-HIDDEN_FROM), rel=0.02)
     assert np.sqrt(np.mean(depths**2)) == pytest.approx(1.0, rel=0.01)
     assert depths.mean() == pytest.approx(HIDDEN_ALIKE, rel=0.01)
 

@@ -84,7 +84,7 @@ def bed_hearing(session: Session, held: ImplantBed, draws: MapDraws) -> Hearing:
     problem = PlacementProblem(bone, execution_error(session), limits)
     implant = implant_named(held.implant).lifted(held.lift_mm)
     bed = planned_bed(implant, milling_settings(implant, held.burr_mm))
-    solid = solid_points(bed, implant.screws, bone.cell_mm)
+    solid = solid_points(problem, bed, implant.screws)
     T_map_bed = maps.outer.T_base_map.inv() @ placed.T_base_bed
     screws = np.array([(one.x_mm, one.y_mm, 0.0) for one in implant.screws]).reshape(-1, 3)
     beneath = np.vstack((T_map_bed @ solid.floor, T_map_bed @ screws))[:, :2]

@@ -146,7 +146,7 @@ def derive_placed(session: Session, message: PlaceBed) -> ImplantBed:
     problem = _problem(session, message)
     implant = implant_named(message.implant).lifted(message.lift_mm)
     settings = milling_settings(implant, message.burr_mm)
-    solid = solid_points(planned_bed(implant, settings), implant.screws, problem.bone.cell_mm)
+    solid = solid_points(problem, planned_bed(implant, settings), implant.screws)
     turns = np.deg2rad((message.angle_deg, message.tilt_x_deg, message.tilt_y_deg)).tolist()
     figures = judge_placement(problem, solid, Placement(message.u_mm, message.v_mm, *turns))
     placed = _placed(problem, figures)

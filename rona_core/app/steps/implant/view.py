@@ -27,7 +27,7 @@ from rona_core.planning.milling.plan_milling import plan_milling
 from rona_core.planning.milling.removal import planned_bed
 from rona_core.planning.milling.tool_regions import MOST_SURFACE_MM
 from rona_core.planning.placement.seat import Placement
-from rona_core.planning.placement.solid_points import solid_points
+from rona_core.planning.placement.solid_points import lowest_of_blocks
 from rona_core.session.document import Derived, Session
 from rona_core.session.memo import Memo
 
@@ -73,7 +73,7 @@ def floor_base(held: ImplantBed) -> Floats:
     placed = require_result(held.placed, WANTED)
     implant = implant_named(held.implant).lifted(held.lift_mm)
     bed = planned_bed(implant, milling_settings(implant, held.burr_mm))
-    return placed.T_base_bed @ solid_points(bed, (), FLOOR_MM).floor
+    return placed.T_base_bed @ lowest_of_blocks(bed, FLOOR_MM)
 
 
 def outline_base(held: ImplantBed, above_mm: float) -> tuple[Floats, ...]:

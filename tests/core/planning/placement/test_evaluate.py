@@ -30,7 +30,7 @@ MIDDLE = Placement(0.0, 0.0)
 
 def judged(bone, bed=BED, place=MIDDLE, *, execution=EXACT, screws=(), zones=(), limits=None):
     problem = PlacementProblem(bone, execution, limits, zones)
-    return judge_placement(problem, solid_points(bed, screws, bone.cell_mm), place)
+    return judge_placement(problem, solid_points(problem, bed, screws), place)
 
 
 @pytest.mark.parametrize("thickness", [3.8, 4.1, 4.4, 5.0])
@@ -201,7 +201,7 @@ def test_a_lower_limit_or_a_lower_probability_accepts_more():
 def test_dragging_is_live():
     generator = np.random.default_rng(0)
     problem = PlacementProblem(bone_world(generator, 60.0, 7.0).bone, ExecutionError(0.1, 0.1))
-    solid = solid_points(oblong_bed(28.0, 18.0, 4.0), (Screw(16.0, 0.0, 4.0, 2.0),), 1.0)
+    solid = solid_points(problem, oblong_bed(28.0, 18.0, 4.0), (Screw(16.0, 0.0, 4.0, 2.0),))
     judge_placement(problem, solid, MIDDLE)
     start = process_time()
     for k in range(10):

@@ -71,7 +71,7 @@ def test_the_thick_end_is_taken_and_the_thin_one_marked():
 def test_the_map_of_probabilities_is_that_of_single_placements():
     problem, bed = problem_of(wedge()), round_bed(10.0, 3.0)
     found = search_placements(problem, bed, (), LEVEL)
-    solid = solid_points(bed, (), 1.0)
+    solid = solid_points(problem, bed)
     for i in range(7, 33):
         alone = judge_placement(problem, solid, Placement(AT[i], 1.0)).probability
         assert found.probability[i, 21] == pytest.approx(alone, abs=0.05)

@@ -5,9 +5,9 @@ from benchmarks.reference.bone_worlds import oblong_bed, round_bed
 from rona_core.planning.placement.mapped_bone import MappedBone
 from rona_core.planning.placement.seat import Placement, lay_seats, tilted
 from rona_core.planning.placement.solid_points import solid_points
-from tests.scenes.bone_plates import AT, U, V, maps_of, plate
+from tests.scenes.bone_plates import AT, U, V, exact_problem, maps_of, plate
 
-RIM = solid_points(oblong_bed(16.0, 10.0, 3.0), (), 1.0).rim
+RIM = solid_points(exact_problem(plate()), oblong_bed(16.0, 10.0, 3.0)).rim
 RADIUS = 80.0
 
 
@@ -35,7 +35,7 @@ def test_a_bed_lies_flush_on_a_leaning_plate(angle):
 
 
 def test_a_round_bed_lies_along_the_radius_of_a_sphere():
-    rim = solid_points(round_bed(16.0, 3.0), (), 1.0).rim
+    rim = solid_points(exact_problem(sphere()), round_bed(16.0, 3.0)).rim
     found = seat(sphere(), 8.0, -5.0, rim=rim)
     outward = np.array([8.0, -5.0, np.sqrt(RADIUS**2 - 89.0)]) / RADIUS
     away = np.rad2deg(np.arccos(found.rotations[0][:, 2] @ outward))
