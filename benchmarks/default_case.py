@@ -32,8 +32,8 @@ DEFAULT: Mapping[str, Mapping[str, Any]] = {
         "suites.implant.placement.SEEDS": range(38_200, 38_400),
     },
     "beds": {
-        "suites.implant.beds.SEEDS": range(40_760, 40_766),
-        "suites.implant.beds.SKULL_SEEDS": range(38_050, 38_051),
+        "suites.implant.beds.SEEDS": range(40_868, 40_874),
+        "suites.implant.beds.SKULL_SEEDS": range(38_053, 38_054),
     },
     "rehearsal": {"suites.implant.rehearsal.SEEDS": range(39_000, 39_002)},
     "force_guard": {"suites.implant.force_guard.SEEDS": range(40_540, 40_544)},
