@@ -42,12 +42,12 @@ def roll_of(session):
 
 
 def asked_for_more(monkeypatch):
-    """Let a rehearsal ask for more bone than the bed was planned for."""
+    """Let a rehearsal ask for more bone than planned, and less than the layer before leaves."""
 
     def thicker(session, raised, floor_scan):
         task = milling_task(session, raised, floor_scan)
         residual_mm = float(np.median(task.mapped(task.way.bottoms_bed)[1].min(axis=0)))
-        return replace(task, limit_mm=residual_mm + 0.5)
+        return replace(task, limit_mm=residual_mm + 0.3)
 
     monkeypatch.setattr(rehearsal, "milling_task", thicker)
 
