@@ -29,7 +29,7 @@ def best_objective(problem: PlacementProblem, bed: Bed, grid: SearchGrid) -> tup
                     continue
                 judged += 1
                 least, mapped = bed_margins(problem, T_map_bed, solid)
-                room = (bone.operator(touched) @ bone.unmapped_mm.ravel()).min()
+                room = (bone.grid.operator(touched) @ bone.unmapped_mm.ravel()).min()
                 room = min(room, problem.zone_clearance_mm(touched).min())
                 if room < 0.0:
                     continue

@@ -124,12 +124,14 @@ def _thickness(first: _FirstPass, truth: Truth) -> Figures:
         return {}
     off = taken / true - 1.0  # of the speed, which with reference points differs by place too
     mean = float(off[sure].mean())
+    echo = (measured - depth * taken / true)[sure]
+    # the mean speed was found by such echoes: what all of them have in common is part of it
     parts = {
-        "speed": depth * mean,
-        "place": depth * (off - mean),
-        "echo": measured - depth * taken / true,
+        "speed": depth[sure] * mean + echo.mean(),
+        "place": (depth * (off - mean))[sure],
+        "echo": echo - echo.mean(),
     }
-    figures = {f"thickness_by_{cause}_mm": rms(part[sure]) for cause, part in parts.items()}
+    figures = {f"thickness_by_{cause}_mm": rms(part) for cause, part in parts.items()}
     places, wanted = _places(maps, sure), _cells(maps.inner, maps.inner.ok & maps.outer.ok)
     errors = thickness_errors_mm(maps, truth)
     near = np.isfinite(errors) & (KDTree(places).query(wanted)[0] <= NEAR_MM)

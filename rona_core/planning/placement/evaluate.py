@@ -66,7 +66,7 @@ def judge_placement(
     zone_mm = float(problem.zone_clearance_mm(touched).min())
     covered, unmapped_mm, left = bool(bone.covered(touched).all()), 0.0, None
     if covered:
-        unmapped_mm = float((bone.operator(touched) @ bone.unmapped_mm.ravel()).min())
+        unmapped_mm = float((bone.grid.operator(touched) @ bone.unmapped_mm.ravel()).min())
         left = _left(problem, solid, T_map_bed, floor_map, screws_map)
     rim = float(np.abs(rim_mm).max())
     shortfall, value = _rank(limits, left, rim, unmapped_mm, zone_mm)

@@ -2,11 +2,11 @@
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
-from scipy.sparse import csr_matrix
 
 from rona_core.devices.settings import require
-from rona_core.geometry.arrays import Bools, Floats, Ints
+from rona_core.geometry.arrays import Bools, Floats
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
+from rona_core.planning.placement.inner_boundary import CellGrid, InnerBoundary
 
 LEAST_DRAWS = 50  # fewer do not tell the spread of their lower half
 
@@ -30,58 +30,35 @@ class MappedBone:
         self.shape = maps.outer.height_mm.shape
         self.cell_mm = float(maps.outer.u_mm[1] - maps.outer.u_mm[0])
         self.origin_mm = np.array([maps.outer.u_mm[0], maps.outer.v_mm[0]])
+        self.grid = CellGrid(self.origin_mm, self.cell_mm, self.shape)
         self.ok: Bools = maps.outer.ok & maps.inner.ok
         self.draws = len(inner_draws_mm)
-        self.inner_slopes = slopes(self.inner.height_mm, self.cell_mm)
-        # of a vertical distance to the inner boundary, what the shortest is
-        self.cosine: Floats = 1.0 / np.sqrt(1.0 + (self.inner_slopes**2).sum(axis=-1))
+        self.below = InnerBoundary(maps.inner, inner_draws_mm)
         padded = np.pad(self.ok, 1)  # beyond the grid nothing is mapped
         self.unmapped_mm = self.cell_mm * np.asarray(distance_transform_edt(padded))[1:-1, 1:-1]
         # a row for each cell: the heights of a place in all draws then lie side by side
         self.outer_draws = np.ascontiguousarray(outer_draws_mm.reshape(self.draws, -1).T)
-        self.inner_draws = np.ascontiguousarray(inner_draws_mm.reshape(self.draws, -1).T)
+        self.inner_draws = inner_draws_mm.reshape(self.draws, -1).T
 
     def places_mm(self) -> Floats:
         """Return u and v (nu, nv, 2) of every cell."""
         return np.stack(np.meshgrid(self.outer.u_mm, self.outer.v_mm, indexing="ij"), axis=-1)
 
-    def corners(self, places_mm: Floats) -> tuple[Ints, Floats]:
-        """Return the cells (..., 2) below places (..., 2), and how far beyond them (..., 2)."""
-        cells = (places_mm - self.origin_mm) / self.cell_mm
-        corner = np.clip(np.floor(cells), 0, np.array(self.shape) - 2).astype(np.int64)
-        return corner, cells - corner
-
     def outer_at(self, places_mm: Floats) -> Floats:
         """Return the outer map at places (..., 2), bilinearly."""
-        corner, share = self.corners(places_mm)
+        corner, share = self.grid.corners(places_mm)
         u, v, columns = share[..., 0], share[..., 1], self.shape[1]
         first, height = corner[..., 0] * columns + corner[..., 1], self.outer.height_mm.ravel()
         low = (1 - v) * height[first] + v * height[first + 1]
         high = (1 - v) * height[first + columns] + v * height[first + columns + 1]
         return (1 - u) * low + u * high
 
-    def operator(self, places_mm: Floats) -> csr_matrix:
-        """Return the matrix (n, nu nv) that takes a field to places (n, 2), bilinearly."""
-        corner, share = self.corners(places_mm)
-        (u, v), columns = share.T, self.shape[1]
-        first = corner[:, 0] * columns + corner[:, 1]
-        weights = np.stack(((1 - u) * (1 - v), (1 - u) * v, u * (1 - v), u * v), axis=1)
-        cells = first[:, None] + np.array((0, 1, columns, columns + 1))
-        starts = 4 * np.arange(len(first) + 1)
-        size = (len(first), self.shape[0] * columns)
-        return csr_matrix((weights.ravel(), cells.ravel(), starts), shape=size)
-
     def covered(self, places_mm: Floats) -> Bools:
         """Return which places (..., 2) lie among four cells where both boundaries are mapped."""
-        corner, share = self.corners(places_mm)
+        corner, share = self.grid.corners(places_mm)
         i, j = np.moveaxis(corner, -1, 0)
         among = self.ok[i, j] & self.ok[i + 1, j] & self.ok[i, j + 1] & self.ok[i + 1, j + 1]
         return among & ((share > -1e-9) & (share < 1.0 + 1e-9)).all(axis=-1)
-
-
-def slopes(heights_mm: Floats, cell_mm: float) -> Floats:
-    """Return how heights (nu, nv) change along u and v (nu, nv, 2), per millimetre."""
-    return np.stack([np.gradient(heights_mm, cell_mm, axis=axis) for axis in (0, 1)], axis=-1)
 
 
 def _check(maps: Maps, outer_draws_mm: Floats, inner_draws_mm: Floats) -> None:

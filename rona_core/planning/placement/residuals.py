@@ -54,17 +54,17 @@ def _to_inner(
     problem: PlacementProblem, T_map_bed: Pose, points_map: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Return ``residuals``, and the outward normals (m, 3) of the inner map in ``bed``."""
-    bone = problem.bone
-    operator = bone.operator(points_map[:, :2])
-    cosine = operator @ bone.cosine.ravel()
-    slopes = operator @ bone.inner_slopes.reshape(-1, 2)
-    mapped = cosine * (points_map[:, 2] - operator @ bone.inner.height_mm.ravel())
+    inner = problem.bone.below
+    operator = inner.grid.operator(points_map[:, :2])
+    cosine = operator @ inner.cosine
+    slopes = operator @ inner.slopes
+    mapped = cosine * (points_map[:, 2] - operator @ inner.height)
     normals_map = cosine[:, None] * np.column_stack((-slopes, np.ones(len(slopes))))
     normals_bed = normals_map @ T_map_bed.rotation
     operator.data *= np.repeat(-cosine, np.diff(operator.indptr))
-    drawn = operator @ bone.inner_draws
+    drawn = operator @ inner.draws
     same = np.column_stack((cosine * points_map[:, 2], normals_bed))
-    errors = np.vstack((np.ones(bone.draws), problem.errors_bed))
+    errors = np.vstack((np.ones(problem.bone.draws), problem.errors_bed))
     for start in range(0, len(drawn), AT_ONCE):
         drawn[start : start + AT_ONCE] += same[start : start + AT_ONCE] @ errors
     return drawn, mapped, normals_bed
@@ -144,7 +144,7 @@ def beyond_screws(
         places_map: Entries and ends (s, 1 + 9, 3), see ``screw_places``.
     """
     bone, (count, each, _) = problem.bone, places_map.shape
-    entry = bone.operator(places_map[:, 0, :2])
+    entry = bone.grid.operator(places_map[:, 0, :2])
     outer_off = entry @ bone.outer_draws - (entry @ bone.outer.height_mm.ravel())[:, None]
     drawn, mapped = residuals(problem, T_map_bed, places_map[:, 1:].reshape(-1, 3))
     least = drawn.reshape(count, each - 1, -1).min(axis=1)

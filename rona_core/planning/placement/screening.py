@@ -6,7 +6,7 @@ import numpy as np
 
 from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.planning.bed import Screw
-from rona_core.planning.placement.mapped_bone import slopes
+from rona_core.planning.placement.inner_boundary import slopes
 from rona_core.planning.placement.problem import PlacementProblem
 from rona_core.planning.placement.seat import Seats, lay_seats
 from rona_core.planning.placement.solid_points import SolidPoints
@@ -37,7 +37,8 @@ class Screen:
         spread = (bone.outer_draws - bone.inner_draws).std(axis=1).reshape(bone.shape)
         inner_slopes, outer_slopes = (slopes(h, bone.cell_mm) for h in (inner, outer))
         variance = bone.inner_draws.var(axis=1).reshape(bone.shape)
-        self.inner = _patches([inner, *np.moveaxis(inner_slopes, -1, 0), bone.cosine, variance])
+        cosine = 1.0 / np.sqrt(1.0 + (inner_slopes**2).sum(axis=-1))
+        self.inner = _patches([inner, *np.moveaxis(inner_slopes, -1, 0), cosine, variance])
         self.outer = _patches([outer, *np.moveaxis(outer_slopes, -1, 0), spread])
         places = bone.places_mm().reshape(-1, 2)
         clearance = problem.zone_clearance_mm(places).reshape(bone.shape)

@@ -1,5 +1,7 @@
 """Error budget: predicted causes beside those in truth, which add up to the error of the map."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,9 +10,12 @@ from rona_core.app.steps.maps.accuracy.map_accuracy import map_accuracy
 from rona_core.compose import build_virtual_rig, evaluate_virtual
 from rona_core.evaluation.error_causes import KEYS
 from rona_core.evaluation.maps.map_metrics import outer_errors_mm
+from rona_core.evaluation.scan_metrics import true_probe_poses
 from rona_core.evaluation.truth import truth_of
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
+from rona_core.ultrasound.acoustic_calibration.speed_calibration import speed_at
+from rona_core.virtual.acoustics.medium import bone_medium, true_bone
 from rona_ui.resources import demo_session
 
 
@@ -53,11 +58,30 @@ def test_the_causes_in_truth_make_up_the_error_of_the_samples(demo, figures):
     assert 2.0 * max(parts) - sum(parts) - 0.03 < whole < sum(parts) + 0.03
 
 
-def test_the_mean_speed_is_what_it_is_off_by_in_the_mean(demo, figures):
-    found = demo.results.detection.value
-    depth = found.thickness_mm[found.inner_ok]
-    expected = abs(figures["sound_speed_error_percent"]) / 100.0 * np.sqrt(np.mean(depth**2))
-    assert figures["thickness_by_speed_mm"] == pytest.approx(expected, rel=0.15, abs=0.003)
+def test_what_all_echoes_have_in_common_counts_with_the_mean_speed(demo, figures):
+    """Both together are the mean error of the thickness of the A-scans."""
+    found, maps = demo.results.detection.value, demo.results.maps.value
+    n = len(found)
+    truth = truth_of(demo, build_virtual_rig(demo.setup).scene)
+    world = truth.scene.world
+    depth = true_bone(true_probe_poses(demo.captures.scan, truth), truth.scene, bone_medium(world))[
+        1
+    ]
+    taken = speed_at(demo.results.speed.value, maps.outer_points_base[:n])[0]
+    errors = found.thickness_mm * taken / found.sound_speed_mm_per_us - depth
+    sure = maps.inner_used[:n] & (np.abs(errors) < 1.0)
+    assert figures["thickness_by_speed_mm"] == pytest.approx(abs(errors[sure].mean()), abs=0.02)
+
+
+def test_echoes_that_all_come_late_alike_are_no_scatter_of_each(demo, figures):
+    found = demo.results.detection
+    late = replace(found.value, thickness_mm=found.value.thickness_mm + 0.1)
+    results = replace(demo.results, detection=replace(found, value=late))
+    later = evaluate_virtual(replace(demo, results=results), build_virtual_rig(demo.setup))
+    moved = later["thickness_by_speed_mm"] - figures["thickness_by_speed_mm"]
+    assert abs(moved) > 0.05
+    echo = "thickness_by_echo_mm"
+    assert later[echo] == pytest.approx(figures[echo], abs=0.01)
 
 
 def test_without_maps_no_cause_is_known():

@@ -18,7 +18,7 @@ PLACES = 24  # evenly over a face, at which a plate is looked at
 DRAWS = 16  # of a plate, which tell how much rougher the bone is than its map
 AT_ONCE = 4000  # cells, all of whose draws take 15 MB
 UNHEARD = "inner boundary not heard"
-UNHEARD_MM = 0.4  # where no place around was heard, both parts together
+UNHEARD_MM = 0.45  # where no place around was heard, both parts together
 UNHEARD_REACH_MM = 2.0  # places this far away count as around, and errors hang together
 
 
@@ -47,8 +47,8 @@ def sampling_terms(
     places = cells_map(boundary)[:, :2]
     near = KDTree(samples.places_mm).query(places, k=min(NEAREST, len(sigma_mm)))[1]
     timing = np.sqrt(np.mean(sigma_mm[near.reshape(len(places), -1)] ** 2, axis=1))
-    # two estimates of one variance: what the samples state here, and how all of them scatter
-    timing = np.sqrt(0.5 * (timing**2 + samples.scatter_mm**2)).reshape(shape)
+    # two estimates of one deviation: what the samples state here, and how all of them scatter
+    timing = 0.5 * (timing + samples.scatter_mm).reshape(shape)
     apart = surface.sigmas_mm(places).reshape(shape)
     return (
         ErrorTerm(

@@ -9,8 +9,8 @@ from scipy.special import ndtr
 from rona_core.geometry.arrays import Bools, Floats, readonly
 
 # Grooves or crests are where a Gaussian field is more than so many deviations high, as deep as it
-# exceeds that: one place in fifteen has some.
-HIDDEN_FROM = 1.5
+# exceeds that: one place in four has some.
+HIDDEN_FROM = 0.7
 _ABOVE = float(ndtr(-HIDDEN_FROM))  # share of places, and density at the edge
 _EDGE = float(np.exp(-0.5 * HIDDEN_FROM**2) / np.sqrt(2.0 * np.pi))
 _MEAN = _EDGE - HIDDEN_FROM * _ABOVE
