@@ -29,11 +29,11 @@ DEFAULT: Mapping[str, Mapping[str, Any]] = {
     "placement": {
         "suites.implant.placement.ROUND_SEEDS": range(38_000, 38_003),
         "suites.implant.placement.OBLONG_SEEDS": (),
-        "suites.implant.placement.SEEDS": range(38_200, 38_400),
+        "suites.implant.placement.SEEDS": range(61_200, 61_400),
     },
     "beds": {
-        "suites.implant.beds.SEEDS": range(40_868, 40_874),
-        "suites.implant.beds.SKULL_SEEDS": range(38_053, 38_054),
+        "suites.implant.beds.SEEDS": range(41_084, 41_090),
+        "suites.implant.beds.SKULL_SEEDS": range(38_059, 38_060),
     },
     "rehearsal": {"suites.implant.rehearsal.SEEDS": range(39_000, 39_002)},
     "force_guard": {"suites.implant.force_guard.SEEDS": range(40_540, 40_544)},

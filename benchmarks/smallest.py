@@ -197,7 +197,7 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
         **ONCE,
         "suites.implant.placement.ROUND_SEEDS": (38_000,),
         "suites.implant.placement.OBLONG_SEEDS": (),
-        "suites.implant.placement.SEEDS": range(38_200, 38_204),
+        "suites.implant.placement.SEEDS": range(61_200, 61_204),
         "suites.implant.placement.REGION_MM": 22.0,
         "suites.implant.placement.SMALL_MM": 34.0,
     },

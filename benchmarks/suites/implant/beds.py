@@ -21,8 +21,8 @@ from rona_core.compose import build_virtual_rig
 from rona_core.evaluation.truth import truth_of
 from rona_core.geometry.arrays import Bools, Floats, Ints
 
-SEEDS = range(40_868, 40_976)
-SKULL_SEEDS = range(38_053, 38_056)
+SEEDS = range(41_084, 41_192)
+SKULL_SEEDS = range(38_059, 38_062)
 FILES: tuple[Path, ...] = ()  # sessions with virtual devices that count as well
 BEDS = 12  # drawn on each patient
 REQUIRED = 0.99

@@ -38,7 +38,7 @@ from rona_core.planning.placement.solid_points import solid_points
 
 ROUND_SEEDS = range(38_000, 38_006)
 OBLONG_SEEDS = range(38_100, 38_102)
-SEEDS = range(38_200, 38_600)  # of honesty: one bed chosen at random, and one search, in each
+SEEDS = range(61_200, 61_600)  # of honesty: one bed chosen at random, and one search, in each
 REGION_MM, SMALL_MM = 60.0, 40.0
 EXECUTION = ExecutionError(depth_mm=0.15, lateral_mm=0.15)
 BINS = (0.0, 0.2, 0.5, 0.8, 0.95, 0.99, 1.0)

@@ -3,12 +3,17 @@
 The least of many correlated heights has a longer lower than upper tail, so a normal distribution
 fitted to all draws promises too much (0.996 where 0.990 is true), and a count of 200 draws cannot
 tell 0.99 from 1. A normal distribution fitted to the lower half alone does neither.
+
+Draws are as wide as the maps say, and how wide that ought to be differs from patient to patient: a
+groove that is narrower than the beam is in no draw. So a limit below the median is as likely to
+be kept as by Student's t of 10 degrees of freedom. On 98 patients that may be tuned with 2.3 % of
+beds broke a limit that a normal distribution promised with 0.99, and 1.0 % with this one.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtr
+from scipy.special import ndtr, ndtri, stdtr
 
 from rona_core.geometry.arrays import Floats
 
@@ -16,6 +21,7 @@ NORMAL_95 = 1.96
 MEDIAN_VARIANCE = np.pi / 2.0  # of the median of n normal values, times n / sigma^2
 SPREAD_VARIANCE = 1.0  # of the relative spread of their half, times n: 1 / (2 n / 2)
 LEAST_SPREAD_MM = 1e-6
+FREEDOM = 10.0  # degrees, of Student's t
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,19 +35,24 @@ class Chance:
 
 
 def chance_above(values_mm: Floats, limit_mm: float) -> Chance:
-    """Return the probability that a further draw is at least ``limit_mm``.
+    """Return the probability that the bone is at least ``limit_mm`` where a bed leaves the least.
 
     Args:
         values_mm: Of the draws (n,), in millimetres.
         limit_mm: Of what is safe.
     """
-    score = float(scores(values_mm, limit_mm))
-    error = NORMAL_95 * np.sqrt((MEDIAN_VARIANCE + SPREAD_VARIANCE * score**2) / len(values_mm))
-    low, high = float(ndtr(score - error)), float(ndtr(score + error))
-    return Chance(float(ndtr(score)), low, high, score)
+    spreads = spreads_above(values_mm, limit_mm)
+    error = NORMAL_95 * np.sqrt((MEDIAN_VARIANCE + SPREAD_VARIANCE * spreads**2) / len(values_mm))
+    low, score, high = (float(_quantile(spreads + off)) for off in (-error, 0.0, error))
+    return Chance(float(ndtr(score)), float(ndtr(low)), float(ndtr(high)), score)
 
 
 def scores(values_mm: Floats, limit_mm: float) -> Floats:
+    """Return the standard normal quantiles of these probabilities, of draws (n, ...)."""
+    return _quantile(spreads_above(values_mm, limit_mm))
+
+
+def spreads_above(values_mm: Floats, limit_mm: float) -> Floats:
     """Return by how many spreads the median of draws (n, ...) is above a limit.
 
     The spread is that of the half on the side of the limit.
@@ -51,3 +62,8 @@ def scores(values_mm: Floats, limit_mm: float) -> Floats:
     off = np.minimum(np.where(above >= 0.0, 1.0, -1.0) * (values_mm - median), 0.0)
     spread = np.sqrt((off**2).sum(axis=0) / np.maximum((off < 0.0).sum(axis=0), 1))
     return above / np.maximum(spread, LEAST_SPREAD_MM)
+
+
+def _quantile(spreads: Floats) -> Floats:
+    """Return the standard normal quantile of the probability of being so many spreads above."""
+    return np.where(spreads > 0.0, -ndtri(stdtr(FREEDOM, -np.abs(spreads))), spreads)

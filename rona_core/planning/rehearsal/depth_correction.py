@@ -4,7 +4,7 @@ import numpy as np
 
 from rona_core.geometry.arrays import Floats, Ints
 from rona_core.planning.milling.milling_path import MillingPath
-from rona_core.planning.placement.chance import scores
+from rona_core.planning.placement.chance import spreads_above
 
 
 def ceiling_mm(bottoms_bed: Floats, drawn_mm: Floats, limit_mm: float, score: float) -> float:
@@ -16,7 +16,7 @@ def ceiling_mm(bottoms_bed: Floats, drawn_mm: Floats, limit_mm: float, score: fl
         limit_mm: That has to be left below all of them.
         score: Standard normal quantile of the probability of that.
     """
-    if not len(bottoms_bed) or float(scores(drawn_mm.min(axis=0), limit_mm)) >= score:
+    if not len(bottoms_bed) or float(spreads_above(drawn_mm.min(axis=0), limit_mm)) >= score:
         return -np.inf
     # a draw keeps the limit once every place is so high; heights of the way itself count alike
     wanted = np.full(drawn_mm.shape[1], -np.inf)

@@ -1,17 +1,19 @@
 import numpy as np
 import pytest
-from scipy.stats import norm
+from scipy.stats import norm, t
 
-from rona_core.planning.placement.chance import chance_above, scores
+from rona_core.planning.placement.chance import chance_above, scores, spreads_above
 
 
 @pytest.mark.parametrize("limit", [-2.5, -1.0, 0.0, 1.5])
-def test_normal_values_have_their_own_probability(limit):
+def test_normal_values_keep_a_limit_below_their_median_by_students_t(limit):
     values = norm.ppf((np.arange(4001) + 0.5) / 4001.0)
     found = chance_above(values, limit)
-    assert found.probability == pytest.approx(norm.sf(limit), abs=0.002)
+    expected = t.sf(limit, 10) if limit < 0.0 else norm.sf(limit)
+    assert found.probability == pytest.approx(expected, abs=0.002)
     assert found.low < found.probability < found.high
-    assert found.score == pytest.approx(-limit, abs=0.01)
+    assert found.score == pytest.approx(norm.ppf(expected), abs=0.01)
+    assert spreads_above(values, limit) == pytest.approx(-limit, abs=0.01)
 
 
 def test_the_interval_holds_about_as_often_as_it_says():
@@ -19,8 +21,17 @@ def test_the_interval_holds_about_as_often_as_it_says():
     held = 0
     for _ in range(400):
         found = chance_above(generator.standard_normal(100), -1.6)
-        held += found.low <= norm.cdf(1.6) <= found.high
+        held += found.low <= t.cdf(1.6, 10) <= found.high
     assert 0.92 <= held / 400 <= 1.0
+
+
+def test_sigmas_that_are_wrong_by_a_third_are_allowed_for():
+    """Truth and draws of patients whose sigma differs from what the maps say as chi does."""
+    generator = np.random.default_rng(4)
+    wider = np.sqrt(10.0 / generator.chisquare(10.0, 200_000))
+    broken = wider * generator.standard_normal(200_000) < -2.76
+    values = norm.ppf((np.arange(4001) + 0.5) / 4001.0)
+    assert 1.0 - chance_above(values, -2.76).probability == pytest.approx(broken.mean(), rel=0.1)
 
 
 def test_the_longer_lower_tail_of_a_minimum_is_not_promised_away():
@@ -29,14 +40,17 @@ def test_the_longer_lower_tail_of_a_minimum_is_not_promised_away():
     least = generator.standard_normal((40_000, 40)).min(axis=1)
     limit = np.quantile(least, 0.01)
     plain = norm.sf((limit - least.mean()) / least.std())
-    halved = chance_above(least, limit).probability
+    halved = norm.cdf(spreads_above(least, limit))
     assert plain > 0.996
     assert 0.99 - 1e-3 < halved < 0.994
+    assert chance_above(least, limit).probability < halved
 
 
 def test_scores_of_several_columns_are_those_of_each():
     values = np.random.default_rng(3).gamma(2.0, size=(60, 3))
-    assert scores(values, 1.0) == pytest.approx([scores(values[:, k], 1.0) for k in range(3)])
+    assert scores(values, 1.0) == pytest.approx(
+        [float(scores(values[:, k], 1.0)) for k in range(3)]
+    )
 
 
 def test_values_that_are_all_alike_are_certain():
