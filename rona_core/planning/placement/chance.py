@@ -13,7 +13,7 @@ beds broke a limit that a normal distribution promised with 0.99, and 1.0 % with
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtr, ndtri, stdtr
+from scipy.special import ndtr, ndtri, stdtr, stdtrit
 
 from rona_core.geometry.arrays import Floats
 
@@ -62,6 +62,11 @@ def spreads_above(values_mm: Floats, limit_mm: float) -> Floats:
     off = np.minimum(np.where(above >= 0.0, 1.0, -1.0) * (values_mm - median), 0.0)
     spread = np.sqrt((off**2).sum(axis=0) / np.maximum((off < 0.0).sum(axis=0), 1))
     return above / np.maximum(spread, LEAST_SPREAD_MM)
+
+
+def spreads_for(probability: float) -> float:
+    """Return how many spreads the median has to be above a limit that is kept so surely."""
+    return float(stdtrit(FREEDOM, probability) if probability > 0.5 else ndtri(probability))
 
 
 def _quantile(spreads: Floats) -> Floats:

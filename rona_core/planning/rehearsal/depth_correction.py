@@ -7,16 +7,16 @@ from rona_core.planning.milling.milling_path import MillingPath
 from rona_core.planning.placement.chance import spreads_above
 
 
-def ceiling_mm(bottoms_bed: Floats, drawn_mm: Floats, limit_mm: float, score: float) -> float:
+def ceiling_mm(bottoms_bed: Floats, drawn_mm: Floats, limit_mm: float, spreads: float) -> float:
     """Return the height below which no place of a way may lie; -inf where all may stay.
 
     Args:
         bottoms_bed: Lowest places of the burr (n, 3).
         drawn_mm: Bone below them in draws (n, k).
         limit_mm: That has to be left below all of them.
-        score: Standard normal quantile of the probability of that.
+        spreads: By how many the median has to be above that, see `spreads_for`.
     """
-    if not len(bottoms_bed) or float(spreads_above(drawn_mm.min(axis=0), limit_mm)) >= score:
+    if not len(bottoms_bed) or float(spreads_above(drawn_mm.min(axis=0), limit_mm)) >= spreads:
         return -np.inf
     # a draw keeps the limit once every place is so high; heights of the way itself count alike
     wanted = np.full(drawn_mm.shape[1], -np.inf)
@@ -24,7 +24,7 @@ def ceiling_mm(bottoms_bed: Floats, drawn_mm: Floats, limit_mm: float, score: fl
         np.maximum(wanted, height - drawn, out=wanted)
     median = float(np.median(wanted))
     above = wanted[wanted > median] - median
-    return median + score * float(np.sqrt((above**2).mean())) if len(above) else median
+    return median + spreads * float(np.sqrt((above**2).mean())) if len(above) else median
 
 
 def raised_path(

@@ -7,13 +7,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import ndtri
 
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.devices.samples import AScanTrack
 from rona_core.errors import CancelledError
 from rona_core.geometry.arrays import Bools, Floats
-from rona_core.planning.placement.chance import chance_above
+from rona_core.planning.placement.chance import chance_above, spreads_for
 from rona_core.planning.rehearsal.breakthrough import Breakthrough
 from rona_core.planning.rehearsal.commanded_floor import CommandedFloor
 from rona_core.planning.rehearsal.depth_correction import ceiling_mm
@@ -146,8 +145,8 @@ class _Rehearsal:
             drawn = _corrected(bone, way.bottoms_bed, drawn, wander)
             below = drawn[count:]
             if self._guards.rescan:
-                score = float(ndtri(task.probability))
-                ceiling = ceiling_mm(rest.bottoms_bed, below, task.limit_mm, score)
+                spreads = spreads_for(task.probability)
+                ceiling = ceiling_mm(rest.bottoms_bed, below, task.limit_mm, spreads)
             if ceiling > -np.inf:
                 raised = task.raised(pause, ceiling)
                 rest = rest.part(np.zeros(len(rest), np.bool_)) if raised is None else raised

@@ -2,7 +2,12 @@ import numpy as np
 import pytest
 from scipy.stats import norm, t
 
-from rona_core.planning.placement.chance import chance_above, scores, spreads_above
+from rona_core.planning.placement.chance import (
+    chance_above,
+    scores,
+    spreads_above,
+    spreads_for,
+)
 
 
 @pytest.mark.parametrize("limit", [-2.5, -1.0, 0.0, 1.5])
@@ -51,6 +56,15 @@ def test_scores_of_several_columns_are_those_of_each():
     assert scores(values, 1.0) == pytest.approx(
         [float(scores(values[:, k], 1.0)) for k in range(3)]
     )
+
+
+@pytest.mark.parametrize("probability", [0.2, 0.5, 0.9, 0.99])
+def test_a_limit_so_many_spreads_below_the_median_is_kept_as_surely_as_was_asked(probability):
+    values = np.random.default_rng(5).standard_normal(999)
+    limit = np.median(values) - spreads_for(probability)
+    for _ in range(5):  # the spread is that of the draws
+        limit += spreads_above(values, limit) - spreads_for(probability)
+    assert chance_above(values, limit).probability == pytest.approx(probability, abs=1e-3)
 
 
 def test_values_that_are_all_alike_are_certain():
