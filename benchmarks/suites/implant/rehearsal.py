@@ -24,7 +24,7 @@ from rona_core.planning.rehearsal.breakthrough import PAST_MM
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
 
-SEEDS = range(39_156, 39_184)
+SEEDS = range(39_156, 39_186)
 FILES: tuple[Path, ...] = ()  # sessions with virtual devices and a bed that count as well
 DEEP_BEDS = 9  # of each patient
 MESSAGES = (*PROCEDURE, ("implant", StartBurrCapture()), ("implant", StartBedSearch()))

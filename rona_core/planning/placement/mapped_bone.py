@@ -33,7 +33,7 @@ class MappedBone:
         self.grid = CellGrid(self.origin_mm, self.cell_mm, self.shape)
         self.ok: Bools = maps.outer.ok & maps.inner.ok
         self.draws = len(inner_draws_mm)
-        self.below = InnerBoundary(maps.inner, inner_draws_mm)
+        self.inner_boundary = InnerBoundary(maps.inner, inner_draws_mm)
         padded = np.pad(self.ok, 1)  # beyond the grid nothing is mapped
         self.unmapped_mm = self.cell_mm * np.asarray(distance_transform_edt(padded))[1:-1, 1:-1]
         # a row for each cell: the heights of a place in all draws then lie side by side

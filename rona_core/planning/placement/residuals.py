@@ -54,7 +54,7 @@ def _to_inner(
     problem: PlacementProblem, T_map_bed: Pose, points_map: Floats
 ) -> tuple[Floats, Floats, Floats]:
     """Return ``residuals``, and the outward normals (m, 3) of the inner map in ``bed``."""
-    inner = problem.bone.below
+    inner = problem.bone.inner_boundary
     operator = inner.grid.operator(points_map[:, :2])
     cosine = operator @ inner.cosine
     slopes = operator @ inner.slopes
