@@ -36,7 +36,7 @@ DEFAULT: Mapping[str, Mapping[str, Any]] = {
         "suites.implant.beds.SKULL_SEEDS": range(38_059, 38_060),
     },
     "rehearsal": {"suites.implant.rehearsal.SEEDS": range(39_000, 39_002)},
-    "force_guard": {"suites.implant.force_guard.SEEDS": range(40_540, 40_544)},
+    "force_guard": {"suites.implant.force_guard.SEEDS": range(41_100, 41_104)},
     "bed_lines": {"suites.implant.bed_lines.SEEDS": range(42_080, 42_082)},
     "thickness": {"suites.ultrasound.thickness.SEEDS": range(31_000, 31_008)},
     "rank_ceiling": {"suites.ultrasound.rank_ceiling.SEEDS": range(45_000, 45_016)},

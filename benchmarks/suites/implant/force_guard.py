@@ -20,7 +20,7 @@ from benchmarks.suites.implant.placement import interval
 from rona_core.app.steps.implant.messages import ImplantName
 from rona_core.session.document import Session
 
-SEEDS = range(40_540, 40_613)
+SEEDS = range(41_100, 41_160)
 FILES: tuple[Path, ...] = ()  # sessions with virtual devices that count as well
 # implant -> beds of it at most, the one that the search finds among them
 BEDS: Mapping[ImplantName, int] = {"BCI 602": 2, "CI receiver": 2, "Osia/Baha screw": 4}
