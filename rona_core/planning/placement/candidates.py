@@ -8,7 +8,7 @@ from scipy.spatial import KDTree
 
 from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.planning.bed import Bed
-from rona_core.planning.placement.chance import scores
+from rona_core.planning.placement.chance import normal_quantile, spreads_above
 from rona_core.planning.placement.evaluate import judge_placement
 from rona_core.planning.placement.figures import PlacementFigures, Shortfall, objective
 from rona_core.planning.placement.problem import PlacementProblem
@@ -66,7 +66,7 @@ class Candidates:
         if not self.laid.any():
             return None
         limits, room = self.problem.limits, self.room_mm[:, :, None]
-        sure = self.score - self.optimism[:, None, None] + SLACK
+        sure = normal_quantile(self.score - self.optimism[:, None, None] + SLACK)
         hoped = objective(limits, sure, self.residual_mm, self.rim_mm, room) + TIE * sure
         hoped = hoped.ravel()
         some = np.argpartition(-hoped, min(MOST_JUDGED, len(hoped) - 1))[:MOST_JUDGED]
@@ -74,7 +74,8 @@ class Candidates:
         some = some[np.argsort(-hoped[some], kind="stable")]
         k, a, t = (np.asarray(n, np.int64) for n in np.unravel_index(some, self.score.shape))
         values: list[float] = []
-        for i, (score, residual_mm) in enumerate(self._judged(k, a, t)):
+        for i, (spreads, residual_mm) in enumerate(self._judged(k, a, t)):
+            score = normal_quantile(np.array(spreads))
             rim, space = self.rim_mm[k[i], a[i], t[i]], self.room_mm[k[i], a[i]]
             value = objective(limits, score, residual_mm, rim, space) + TIE * score
             values.append(float(value))
@@ -110,7 +111,7 @@ class Candidates:
         return gap[KDTree(self.cells[rows]).query(self.cells)[1]]
 
     def _judged(self, k: Ints, a: Ints, t: Ints) -> Iterator[tuple[float, float]]:
-        """Yield score and least residual of placements, with all draws; -inf: not all mapped."""
+        """Yield spreads over the limit and least residual, with all draws; -inf: not all mapped."""
         bone, solid = self.problem.bone, self.solid
         seats = lay_seats(bone, solid.rim, self.places_mm[k], self.angles[a])
         rim = np.column_stack((solid.rim, np.zeros(len(solid.rim))))
@@ -123,10 +124,10 @@ class Candidates:
                 yield -np.inf, -np.inf
                 continue
             least, mapped = bed_margins(self.problem, T_map_bed, solid)
-            score = float(scores(least, 0.0))
+            score = float(spreads_above(least, 0.0))
             if solid.screws:
                 beyond, _ = beyond_screws(self.problem, T_map_bed, screws_map)
-                score = min(score, float(scores(beyond.T, 0.0).min()))
+                score = min(score, float(spreads_above(beyond.T, 0.0).min()))
             yield score, float(mapped.min())
 
     def _placement(self, k: int, a: int, t: int) -> Placement:

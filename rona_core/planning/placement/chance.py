@@ -43,13 +43,13 @@ def chance_above(values_mm: Floats, limit_mm: float) -> Chance:
     """
     spreads = spreads_above(values_mm, limit_mm)
     error = NORMAL_95 * np.sqrt((MEDIAN_VARIANCE + SPREAD_VARIANCE * spreads**2) / len(values_mm))
-    low, score, high = (float(_quantile(spreads + off)) for off in (-error, 0.0, error))
+    low, score, high = (float(normal_quantile(spreads + off)) for off in (-error, 0.0, error))
     return Chance(float(ndtr(score)), float(ndtr(low)), float(ndtr(high)), score)
 
 
 def scores(values_mm: Floats, limit_mm: float) -> Floats:
     """Return the standard normal quantiles of these probabilities, of draws (n, ...)."""
-    return _quantile(spreads_above(values_mm, limit_mm))
+    return normal_quantile(spreads_above(values_mm, limit_mm))
 
 
 def spreads_above(values_mm: Floats, limit_mm: float) -> Floats:
@@ -69,6 +69,6 @@ def spreads_for(probability: float) -> float:
     return float(stdtrit(FREEDOM, probability) if probability > 0.5 else ndtri(probability))
 
 
-def _quantile(spreads: Floats) -> Floats:
+def normal_quantile(spreads: Floats) -> Floats:
     """Return the standard normal quantile of the probability of being so many spreads above."""
     return np.where(spreads > 0.0, -ndtri(stdtr(FREEDOM, -np.abs(spreads))), spreads)

@@ -38,8 +38,8 @@ class CellGrid:
 class InnerBoundary:
     """Heights, slopes and draws of the inner boundary, ready to be looked up at any place.
 
-    Between the cells of the map a cubic goes through them. What is linear there cuts off the crests
-    of the boundary, where a bed leaves the least bone: 0.017 mm on average.
+    Halfway between the cells of the map stands what a cubic through them has; between these it is
+    linear. Linear from cell to cell it would cut off crests, where a bed leaves the least bone.
 
     Attributes:
         height: Of the map (cells,).

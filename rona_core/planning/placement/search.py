@@ -15,6 +15,7 @@ from rona_core.devices.settings import require
 from rona_core.geometry.arrays import Floats, Ints, readonly
 from rona_core.planning.bed import Bed, Screw
 from rona_core.planning.placement.candidates import Candidates
+from rona_core.planning.placement.chance import normal_quantile
 from rona_core.planning.placement.figures import PlacementFigures, Shortfall
 from rona_core.planning.placement.problem import PlacementProblem
 from rona_core.planning.placement.settings import SearchGrid
@@ -55,7 +56,7 @@ def search_placements(
     probability = np.zeros(problem.bone.shape)
     shortfall = np.full(problem.bone.shape, int(Shortfall.UNMAPPED))
     if len(found.cells):
-        chance = np.where(found.laid, ndtr(found.safest - found.optimism), 0.0)
+        chance = np.where(found.laid, ndtr(normal_quantile(found.safest - found.optimism)), 0.0)
         enough = found.residual_mm.max(axis=(1, 2)) >= problem.limits.residual_mm
         state = np.where(enough, Shortfall.UNSURE, Shortfall.THIN)
         state[chance >= problem.limits.probability] = Shortfall.NONE

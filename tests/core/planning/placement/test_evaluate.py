@@ -39,7 +39,7 @@ def judged(bone, bed=BED, place=MIDDLE, *, execution=EXACT, screws=(), zones=(),
 
 
 @pytest.mark.parametrize("thickness", [3.8, 4.1, 4.4, 5.0])
-def test_a_flat_plate_that_is_off_by_one_number_has_a_normal_probability(thickness):
+def test_a_flat_plate_that_is_off_by_one_number_has_the_probability_of_students_t(thickness):
     found = judged(plate(thickness))
     assert found.residual_mm == pytest.approx(thickness - 3.0)
     wanted = kept((thickness - 3.0 - 1.0) / 0.2)

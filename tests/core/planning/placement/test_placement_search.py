@@ -64,7 +64,7 @@ def test_the_thick_end_is_taken_and_the_thin_one_marked():
     assert [int(one) for one in row[[0, 6, 20, 33, 40]]] == [
         Shortfall.UNMAPPED, Shortfall.THIN, Shortfall.UNSURE, Shortfall.NONE, Shortfall.UNMAPPED
     ]  # fmt: skip
-    assert np.all(np.diff(found.probability[6:34, 20]) >= -1e-3)
+    assert np.all(np.diff(found.probability[6:34, 20]) >= -1e-6)
     assert not found.probability.flags.writeable
 
 
