@@ -3,7 +3,7 @@
 import numpy as np
 
 from rona_core.planning.bed import Bed
-from rona_core.planning.placement.chance import scores
+from rona_core.planning.placement.chance import normal_quantile, spreads_above
 from rona_core.planning.placement.figures import objective
 from rona_core.planning.placement.problem import PlacementProblem
 from rona_core.planning.placement.residuals import bed_margins
@@ -35,7 +35,7 @@ def best_objective(problem: PlacementProblem, bed: Bed, grid: SearchGrid) -> tup
                     continue
                 lift = solid.rim[:, 1] * about_x - solid.rim[:, 0] * about_y
                 away = np.abs(seats.rim_mm[k] - lift).max()
-                score = scores(least, 0.0)
+                score = normal_quantile(spreads_above(least, 0.0))
                 value = float(objective(limits, score, mapped.min(), away, room))
                 best = max(best, value)
     return best, judged

@@ -1,4 +1,4 @@
-"""Errors of the maps by cause, against ground truth: what putting one cause right would change.
+"""Errors of the maps by cause, against ground truth.
 
 A map follows its samples, so that what one cause does to each A-scan is what it does to the map.
 Beside each stands what the program predicts, ``app/steps/maps/accuracy/map_accuracy.py``.
@@ -125,7 +125,7 @@ def _thickness(first: _FirstPass, truth: Truth) -> Figures:
     off = taken / true - 1.0  # of the speed, which with reference points differs by place too
     mean = float(off[sure].mean())
     echo = (measured - depth * taken / true)[sure]
-    # the mean speed was found by such echoes: what all of them have in common is part of it
+    # a late echo and a slow bone cannot be told apart, and reference points see both at once
     parts = {
         "speed": depth[sure] * mean + echo.mean(),
         "place": (depth * (off - mean))[sure],

@@ -37,7 +37,7 @@ from rona_core.planning.bed import Bed
 from rona_core.planning.implants.catalogue import CATALOGUE, implant_named
 from rona_core.planning.implants.implant import MOST_LIFT_MM
 from rona_core.planning.milling.removal import planned_bed
-from rona_core.planning.placement.chance import scores
+from rona_core.planning.placement.chance import chance_above
 from rona_core.planning.placement.evaluate import judge_placement
 from rona_core.planning.placement.figures import PlacementFigures
 from rona_core.planning.placement.problem import PlacementProblem
@@ -193,12 +193,12 @@ def _at_level(
     floor = lowest_of_blocks(bed, problem.bone.cell_mm)
     drawn, _ = residuals(problem, figures.T_map_bed, figures.T_map_bed @ floor)
     least = drawn.min(axis=0)
-    if float(scores(least, 0.0)) < level:
+    if chance_above(least, 0.0).score < level:
         return None
     low, high = 0.0, 10.0
     for _ in range(ROUNDS):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if float(scores(least, middle)) > level else (low, middle)
+        low, high = (middle, high) if chance_above(least, middle).score > level else (low, middle)
     return low, at(low)
 
 

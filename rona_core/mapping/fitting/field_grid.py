@@ -6,6 +6,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from rona_core.geometry.arrays import Floats, readonly
+from rona_core.geometry.cell_grid import CellGrid
 from rona_core.mapping.fitting.banded_cholesky import BandedMatrix, FewBands
 
 STEP_MM = 1.0  # between nodes
@@ -39,16 +40,9 @@ class FieldGrid:
 
     def operator(self, places_mm: Floats) -> csr_matrix:
         """Return the matrix (n, nu nv) that takes a field to places (n, 2), bilinearly."""
-        cells = (self.own(places_mm) - (self.u_mm[0], self.v_mm[0])) / self.step_mm
-        last = np.array(self.shape) - 2
-        corner = np.clip(np.floor(cells), 0, last).astype(np.int64)
-        (u, v), n = np.clip(cells - corner, 0.0, 1.0).T, len(cells)
-        first = corner[:, 0] * self.shape[1] + corner[:, 1]
-        columns = first[:, None] + (0, 1, self.shape[1], self.shape[1] + 1)
-        weights = np.stack(((1 - u) * (1 - v), (1 - u) * v, u * (1 - v), u * v), axis=1)
-        rows = np.repeat(np.arange(n), 4)
-        shape = (n, self.shape[0] * self.shape[1])
-        return csr_matrix((weights.ravel(), (rows, columns.ravel())), shape=shape)
+        first, last = ((self.u_mm[k], self.v_mm[k]) for k in (0, -1))
+        grid = CellGrid(np.array(first), self.step_mm, self.shape)
+        return grid.operator(np.clip(self.own(places_mm), first, last))
 
     def banded(self, matrix: csr_matrix) -> BandedMatrix:
         """Return a symmetric matrix over the nodes as its bands."""

@@ -47,11 +47,6 @@ def chance_above(values_mm: Floats, limit_mm: float) -> Chance:
     return Chance(float(ndtr(score)), float(ndtr(low)), float(ndtr(high)), score)
 
 
-def scores(values_mm: Floats, limit_mm: float) -> Floats:
-    """Return the standard normal quantiles of these probabilities, of draws (n, ...)."""
-    return normal_quantile(spreads_above(values_mm, limit_mm))
-
-
 def spreads_above(values_mm: Floats, limit_mm: float) -> Floats:
     """Return by how many spreads the median of draws (n, ...) is above a limit.
 

@@ -4,9 +4,10 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from rona_core.devices.settings import require
-from rona_core.geometry.arrays import Bools, Floats
+from rona_core.geometry.arrays import Bools, Floats, readonly
+from rona_core.geometry.cell_grid import CellGrid
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
-from rona_core.planning.placement.inner_boundary import CellGrid, InnerBoundary
+from rona_core.planning.placement.inner_boundary import InnerBoundary
 
 LEAST_DRAWS = 50  # fewer do not tell the spread of their lower half
 
@@ -29,16 +30,15 @@ class MappedBone:
         self.outer, self.inner = maps.outer, maps.inner
         self.shape = maps.outer.height_mm.shape
         self.cell_mm = float(maps.outer.u_mm[1] - maps.outer.u_mm[0])
-        self.origin_mm = np.array([maps.outer.u_mm[0], maps.outer.v_mm[0]])
-        self.grid = CellGrid(self.origin_mm, self.cell_mm, self.shape)
+        origin_mm = np.array([maps.outer.u_mm[0], maps.outer.v_mm[0]])
+        self.grid = CellGrid(readonly(origin_mm), self.cell_mm, self.shape)
         self.ok: Bools = maps.outer.ok & maps.inner.ok
         self.draws = len(inner_draws_mm)
-        self.inner_boundary = InnerBoundary(maps.inner, inner_draws_mm)
+        self.inner_boundary = InnerBoundary(maps.inner, self.grid, inner_draws_mm)
         padded = np.pad(self.ok, 1)  # beyond the grid nothing is mapped
         self.unmapped_mm = self.cell_mm * np.asarray(distance_transform_edt(padded))[1:-1, 1:-1]
         # a row for each cell: the heights of a place in all draws then lie side by side
         self.outer_draws = np.ascontiguousarray(outer_draws_mm.reshape(self.draws, -1).T)
-        self.inner_draws = inner_draws_mm.reshape(self.draws, -1).T
 
     def places_mm(self) -> Floats:
         """Return u and v (nu, nv, 2) of every cell."""

@@ -58,11 +58,11 @@ def _to_inner(
     operator = inner.grid.operator(points_map[:, :2])
     cosine = operator @ inner.cosine
     slopes = operator @ inner.slopes
-    mapped = cosine * (points_map[:, 2] - operator @ inner.height)
+    mapped = cosine * (points_map[:, 2] - operator @ inner.height_mm)
     normals_map = cosine[:, None] * np.column_stack((-slopes, np.ones(len(slopes))))
     normals_bed = normals_map @ T_map_bed.rotation
     operator.data *= np.repeat(-cosine, np.diff(operator.indptr))
-    drawn = operator @ inner.draws
+    drawn = operator @ inner.draws_mm
     same = np.column_stack((cosine * points_map[:, 2], normals_bed))
     errors = np.vstack((np.ones(problem.bone.draws), problem.errors_bed))
     for start in range(0, len(drawn), AT_ONCE):

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rona_core.geometry.arrays import Bools, Floats, Ints
+from rona_core.geometry.cell_grid import cosines
 from rona_core.planning.bed import Screw
-from rona_core.planning.placement.inner_boundary import slopes
 from rona_core.planning.placement.problem import PlacementProblem
 from rona_core.planning.placement.seat import Seats, lay_seats
 from rona_core.planning.placement.solid_points import SolidPoints
@@ -34,10 +34,10 @@ class Screen:
         bone = problem.bone
         self.problem, self.bone = problem, bone
         outer, inner, ok = bone.outer.height_mm, bone.inner.height_mm, bone.ok
-        spread = (bone.outer_draws - bone.inner_draws).std(axis=1).reshape(bone.shape)
-        inner_slopes, outer_slopes = (slopes(h, bone.cell_mm) for h in (inner, outer))
-        variance = bone.inner_draws.var(axis=1).reshape(bone.shape)
-        cosine = 1.0 / np.sqrt(1.0 + (inner_slopes**2).sum(axis=-1))
+        inner_draws = bone.inner_boundary.draws_at_cells_mm()
+        spread = (bone.outer_draws - inner_draws).std(axis=1).reshape(bone.shape)
+        inner_slopes, outer_slopes = (bone.grid.slopes(height) for height in (inner, outer))
+        variance, cosine = inner_draws.var(axis=1).reshape(bone.shape), cosines(inner_slopes)
         self.inner = _patches([inner, *np.moveaxis(inner_slopes, -1, 0), cosine, variance])
         self.outer = _patches([outer, *np.moveaxis(outer_slopes, -1, 0), spread])
         places = bone.places_mm().reshape(-1, 2)
@@ -102,7 +102,7 @@ class Screen:
     def _find(self, points: Floats) -> tuple[Ints, Floats, Floats]:
         """Return the patch of each point (k, 3, m) in ``map``, and u and v from its middle."""
         cell = self.bone.cell_mm
-        u, v = ((points[:, axis] - self.bone.origin_mm[axis]) / cell for axis in (0, 1))
+        u, v = ((points[:, axis] - self.bone.grid.origin_mm[axis]) / cell for axis in (0, 1))
         i, j = np.floor(u), np.floor(v)
         outside = (i < 0) | (j < 0) | (i >= self.size[0]) | (j >= self.size[1])
         patch = np.where(outside, self.inner.shape[1], i * self.size[1] + j).astype(np.int64)

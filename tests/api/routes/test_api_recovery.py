@@ -49,7 +49,7 @@ def test_what_was_left_is_listed_opened_and_then_listed_no_more(client, lost):
     }  # fmt: skip
     assert listed(client) == []
     assert client.get("/status").json()["recoverable"] == 0
-    refused(client.post(f"/recoverable/{told['key']}/open"), 404, "not_found")
+    assert refused(client.post(f"/recoverable/{told['key']}/open"), 404, "not_found")
     saved = client.post(f"/sessions/{opened['id']}/save").json()
     assert (saved["saved"], saved["recovered"], saved["changes"]) == (True, False, False)
     client.delete(f"/sessions/{opened['id']}")
@@ -66,7 +66,7 @@ def test_what_is_discarded_is_gone(client, lost):
     (told,) = listed(client)
     assert client.delete(f"/recoverable/{told['key']}").status_code == 204
     assert listed(client) == []
-    refused(client.delete(f"/recoverable/{told['key']}"), 404, "not_found")
+    assert refused(client.delete(f"/recoverable/{told['key']}"), 404, "not_found")
 
 
 @pytest.mark.parametrize("key", ["absent", "..%2f..%2fx", "%2e%2e", "x" * 90])
@@ -82,7 +82,7 @@ def test_a_copy_that_cannot_be_read_says_why(client, web, lost):
     (told,) = listed(client)
     assert told["name"] is None
     assert "not a readable session file" in told["problem"]
-    refused(client.post(f"/recoverable/{told['key']}/open"), 422, "session_format")
+    assert refused(client.post(f"/recoverable/{told['key']}/open"), 422, "session_format")
     assert path.read_bytes() == b"PK damaged"
 
 

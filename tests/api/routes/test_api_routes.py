@@ -147,7 +147,7 @@ def test_nobody_gets_in_without_a_token(anonymous, where):
     parts = {"step": "tool", "name": "toolmarker", "ordinal": 1, "scan": "first", "number": 0}
     parts["file"] = "demo.rona"
     path = path.format(session_id="current", job_id="x", key="x", **parts)
-    refused(anonymous.request(method, PREFIX + path), 401, "unauthorized")
+    assert refused(anonymous.request(method, PREFIX + path), 401, "unauthorized")
 
 
 @pytest.mark.parametrize("name", REGISTRY.command_types)
@@ -156,7 +156,7 @@ def test_a_command_without_body_is_carried_out_or_refused_by_name(at, name):
     if answer.status_code == 200:
         assert answer.json() == {"command": name, "revision": 1}
     else:
-        refused(answer, answer.status_code, answer.json()["code"])
+        assert refused(answer, answer.status_code, answer.json()["code"])
         assert answer.status_code in (409, 422)
         assert at("GET", "").json()["revision"] == 0
 
@@ -202,8 +202,12 @@ def test_a_body_that_is_not_json_is_a_problem(at, text):
 
 def test_half_a_character_is_refused(at):
     body = '{"name": "\\ud800"}'
-    refused(at("POST", "/commands/RenameSession", content=body, headers=JSON), 422, "invalid_input")
-    refused(at("POST", "/save", content='{"file": "\\udfff"}', headers=JSON), 422, "invalid_input")
+    assert refused(
+        at("POST", "/commands/RenameSession", content=body, headers=JSON), 422, "invalid_input"
+    )
+    assert refused(
+        at("POST", "/save", content='{"file": "\\udfff"}', headers=JSON), 422, "invalid_input"
+    )
 
 
 @pytest.mark.parametrize(
@@ -221,24 +225,26 @@ def test_half_a_character_is_refused(at):
     ],
 )
 def test_what_is_not_there_is_a_problem(client, method, path):
-    refused(client.request(method, path), 404, "not_found")
+    assert refused(client.request(method, path), 404, "not_found")
 
 
 def test_an_outcome_cannot_be_posted(at):
-    refused(at("POST", "/commands/StoreCapture", json={}), 404, "not_found")
+    assert refused(at("POST", "/commands/StoreCapture", json={}), 404, "not_found")
 
 
 def test_a_wrong_method_is_a_problem(at):
-    refused(at("PATCH", "/steps"), 405, "method_not_allowed")
+    assert refused(at("PATCH", "/steps"), 405, "method_not_allowed")
 
 
 def test_a_body_that_is_too_large_is_refused(at):
     body = json.dumps({"name": "x" * 2_000_000})
-    refused(at("POST", "/commands/RenameSession", content=body, headers=JSON), 413, "too_large")
+    assert refused(
+        at("POST", "/commands/RenameSession", content=body, headers=JSON), 413, "too_large"
+    )
 
 
 def test_undo_and_redo(at):
-    refused(at("POST", "/undo"), 422, "invalid_input")
+    assert refused(at("POST", "/undo"), 422, "invalid_input")
     at("POST", "/commands/SetSeed", json={"seed": 9})
     assert at("POST", "/undo").json() == {"command": "Undo", "revision": 2}
     assert at("GET", "").json()["seed"] == 3
@@ -265,12 +271,12 @@ def test_current_is_the_session_shown_last(client, session):
     assert listed[session]
     assert not listed[other["id"]]
     assert client.delete(f"/sessions/{other['id']}").status_code == 204
-    refused(client.get(f"/sessions/{other['id']}"), 404, "not_found")
+    assert refused(client.get(f"/sessions/{other['id']}"), 404, "not_found")
 
 
 @pytest.mark.parametrize("body", [{"name": ""}, {"name": "x" * 81}, {"seed": -1}, {"sead": 1}])
 def test_a_session_cannot_be_made_of_nonsense(client, body):
-    refused(client.post("/sessions", json=body), 422, "invalid_input")
+    assert refused(client.post("/sessions", json=body), 422, "invalid_input")
 
 
 def test_saving_downloading_and_opening_again(at, client, web):
@@ -307,16 +313,16 @@ def test_saving_downloading_and_opening_again(at, client, web):
     ],
 )
 def test_a_file_that_cannot_be_opened(client, body, status, code):
-    refused(client.post("/sessions/open", json=body), status, code)
+    assert refused(client.post("/sessions/open", json=body), status, code)
 
 
 def test_a_damaged_upload_is_refused_and_nothing_opens(client, at):
     before = len(client.get("/sessions").json()["sessions"])
     content = at("GET", "/file").content
-    refused(client.post("/sessions/upload", content=b""), 422, "invalid_input")
+    assert refused(client.post("/sessions/upload", content=b""), 422, "invalid_input")
     for damaged in (b"PK", content[:-50], content[:100] + b"x" + content[101:]):
         answer = client.post("/sessions/upload", content=damaged)
-        refused(answer, 422, "session_format")
+        assert refused(answer, 422, "session_format")
     assert len(client.get("/sessions").json()["sessions"]) == before
 
 
@@ -327,12 +333,14 @@ NOT_PLAIN = ["../x", "a/b", ".x", "\\x", "a\nb", "a\0b", "..", LONG]
 @pytest.mark.parametrize("file", NOT_PLAIN)
 def test_what_is_no_plain_file_name_is_refused_everywhere(at, client, web, file):
     before = sorted(web.folder.rglob("*"))
-    refused(at("POST", "/save", json={"file": file}), 422, "invalid_input")
-    refused(client.post("/sessions/open", json={"file": file}), 422, "invalid_input")
-    refused(at("POST", "/uploads", params={"name": file}, content=b"x"), 422, "invalid_input")
-    refused(at("POST", "/jobs/StartSkullImport", json={"file": file}), 422, "invalid_input")
+    assert refused(at("POST", "/save", json={"file": file}), 422, "invalid_input")
+    assert refused(client.post("/sessions/open", json={"file": file}), 422, "invalid_input")
+    assert refused(
+        at("POST", "/uploads", params={"name": file}, content=b"x"), 422, "invalid_input"
+    )
+    assert refused(at("POST", "/jobs/StartSkullImport", json={"file": file}), 422, "invalid_input")
     both = {"file": "a.stl", "inner_file": file}
-    refused(at("POST", "/jobs/StartSkullImport", json=both), 422, "invalid_input")
+    assert refused(at("POST", "/jobs/StartSkullImport", json=both), 422, "invalid_input")
     assert sorted(web.folder.rglob("*")) == before
 
 
@@ -348,10 +356,10 @@ def test_a_session_is_saved_whatever_its_name(at, web):
 
 def test_nothing_is_written_over_a_folder(at, web):
     (web.folder / "folder.rona").mkdir()
-    refused(at("POST", "/save", json={"file": "folder"}), 422, "invalid_input")
+    assert refused(at("POST", "/save", json={"file": "folder"}), 422, "invalid_input")
     (web.hub.files.uploads / "folder.stl").mkdir(parents=True)
     upload = at("POST", "/uploads", params={"name": "folder.stl"}, content=b"x")
-    refused(upload, 422, "invalid_input")
+    assert refused(upload, 422, "invalid_input")
 
 
 def test_a_specimen_is_uploaded_as_raw_bytes(at, web):
@@ -361,7 +369,9 @@ def test_a_specimen_is_uploaded_as_raw_bytes(at, web):
     assert answer.json() == {"file": "bone.stl", "size_bytes": len(data)}
     assert (web.hub.files.uploads / "bone.stl").read_bytes() == data
     for name in ("../bone.stl", "", ".bone"):
-        refused(at("POST", "/uploads", params={"name": name}, content=b"x"), 422, "invalid_input")
+        assert refused(
+            at("POST", "/uploads", params={"name": name}, content=b"x"), 422, "invalid_input"
+        )
 
 
 def test_an_import_of_rubbish_fails_by_name(at, web, client):
@@ -377,7 +387,7 @@ def test_there_is_a_demo_session_or_a_reason(client):
     if answer.status_code == 201:
         client.delete(f"/sessions/{answer.json()['id']}")
     else:
-        refused(answer, 404, "not_found")
+        assert refused(answer, 404, "not_found")
 
 
 # -- queries ---------------------------------------------------------------------------------------
@@ -392,8 +402,8 @@ def test_a_new_session_has_ten_steps_and_nothing_in_them(at):
         assert held["step"] == step["name"]
         for part in (*held["captures"].values(), *held["results"].values()):
             assert part == {"value": None, "stale_reason": None}
-    refused(at("GET", "/results/lunch"), 404, "not_found")
-    refused(at("GET", "/results/tool", params={"max_points": 1}), 422, "invalid_input")
+    assert refused(at("GET", "/results/lunch"), 404, "not_found")
+    assert refused(at("GET", "/results/tool", params={"max_points": 1}), 422, "invalid_input")
 
 
 def test_figures_without_results_have_no_value_and_no_verdict(at):
@@ -431,7 +441,7 @@ def test_pages_are_served_and_need_nothing_from_outside(anonymous, web, path):
 def test_fastapis_own_pages_are_switched_off(anonymous, web):
     headers = {"Authorization": f"Bearer {web.token}"}
     for path in ("/docs", "/redoc", "/openapi.json"):
-        refused(anonymous.get(path, headers=headers), 404, "not_found")
+        assert refused(anonymous.get(path, headers=headers), 404, "not_found")
 
 
 # -- A-scans ---------------------------------------------------------------------------------------
@@ -482,5 +492,5 @@ def test_the_current_session_is_found_while_the_one_before_is_closed(web, client
     monkeypatch.setattr(web.hub, "file", file)
     answer = client.get("/sessions/current")
     assert (answer.status_code, answer.json()["id"]) == (200, stays), answer.text
-    refused(client.get(f"/sessions/{closing}"), 404, "not_found")
+    assert refused(client.get(f"/sessions/{closing}"), 404, "not_found")
     client.delete(f"/sessions/{stays}")

@@ -4,7 +4,6 @@ from scipy.stats import norm, t
 
 from rona_core.planning.placement.chance import (
     chance_above,
-    scores,
     spreads_above,
     spreads_for,
 )
@@ -51,10 +50,10 @@ def test_the_longer_lower_tail_of_a_minimum_is_not_promised_away():
     assert chance_above(least, limit).probability < halved
 
 
-def test_scores_of_several_columns_are_those_of_each():
+def test_spreads_of_several_columns_are_those_of_each():
     values = np.random.default_rng(3).gamma(2.0, size=(60, 3))
-    assert scores(values, 1.0) == pytest.approx(
-        [float(scores(values[:, k], 1.0)) for k in range(3)]
+    assert spreads_above(values, 1.0) == pytest.approx(
+        [float(spreads_above(values[:, k], 1.0)) for k in range(3)]
     )
 
 

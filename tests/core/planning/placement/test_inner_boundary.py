@@ -3,24 +3,29 @@
 import numpy as np
 import pytest
 
+from rona_core.geometry.cell_grid import CellGrid
 from rona_core.geometry.pose import Pose
 from rona_core.mapping.boundary_map import BoundaryMap
-from rona_core.planning.placement.inner_boundary import CellGrid, InnerBoundary
+from rona_core.planning.placement.inner_boundary import InnerBoundary
 
 AT_MM = np.arange(-6.0, 7.0)
 U, V = np.meshgrid(AT_MM, AT_MM, indexing="ij")
 
 
-def boundary(height_mm):
-    whole = np.ones(height_mm.shape, dtype=np.bool_)
-    return BoundaryMap(Pose.identity(), AT_MM, AT_MM, height_mm, whole)
+GRID = CellGrid(np.array((-6.0, -6.0)), 1.0, U.shape)
+WHOLE = np.ones(U.shape, dtype=np.bool_)
+
+
+def inner_boundary(height_mm, draws_mm, ok=WHOLE):
+    boundary = BoundaryMap(Pose.identity(), AT_MM, AT_MM, height_mm, ok)
+    return InnerBoundary(boundary, GRID, draws_mm)
 
 
 def looked_up(height_mm, places_mm):
     """Return the height of the map, and those of two draws, one of them 1 mm higher."""
-    inner = InnerBoundary(boundary(height_mm), np.stack((height_mm, height_mm + 1.0)))
+    inner = inner_boundary(height_mm, np.stack((height_mm, height_mm + 1.0)))
     operator = inner.grid.operator(places_mm)
-    return operator @ inner.height, operator @ inner.draws
+    return operator @ inner.height_mm, operator @ inner.draws_mm
 
 
 def test_a_plane_is_a_plane_up_to_the_edge_of_the_map():
@@ -32,7 +37,7 @@ def test_a_plane_is_a_plane_up_to_the_edge_of_the_map():
 
 
 def test_slopes_and_cosine_are_those_of_a_plane():
-    inner = InnerBoundary(boundary(0.3 * U - 0.4 * V), np.zeros((1, *U.shape)))
+    inner = inner_boundary(0.3 * U - 0.4 * V, np.zeros((1, *U.shape)))
     np.testing.assert_allclose(inner.slopes, np.tile((0.3, -0.4), (len(inner.slopes), 1)))
     np.testing.assert_allclose(inner.cosine, 1.0 / np.sqrt(1.25))
 
@@ -45,8 +50,31 @@ def test_less_of_a_crest_between_cells_is_lost_than_by_planes(reach_mm):
     cells = np.stack((U, V), axis=-1)
     top = np.array([[0.5, 0.5]])
     lost = 1.0 - looked_up(height(cells), top)[0][0]
-    plain = CellGrid(np.array((-6.0, -6.0)), 1.0, U.shape).operator(top) @ height(cells).ravel()
+    plain = GRID.operator(top) @ height(cells).ravel()
     assert abs(lost) < 0.15 * (1.0 - plain[0])
     anywhere = np.random.default_rng(1).uniform(-5.0, 5.0, (500, 2))
     off = looked_up(height(cells), anywhere)[0] - height(anywhere)
     assert np.abs(off).max() < 0.08 / reach_mm**2  # by planes 0.25
+
+
+def test_cells_that_are_not_mapped_change_nothing_between_those_that_are():
+    """Along both axes, beside an edge, a corner and a notch of what is mapped."""
+    ok = (U < 3.0) & (V > -4.0) & ~((np.abs(U) < 1.5) & (V > 2.5))
+    random = np.random.default_rng(2)
+    draws = random.standard_normal((45, *U.shape))
+    wild = np.where(ok, draws, 1e6)
+    places = random.uniform(-6.0, 6.0, (4000, 2))
+    corner, _ = GRID.corners(places)
+    i, j = corner.T
+    among = ok[i, j] & ok[i + 1, j] & ok[i, j + 1] & ok[i + 1, j + 1]
+    tame, other = (inner_boundary(some[0], some, ok) for some in (draws, wild))
+    operator = tame.grid.operator(places[among])
+    assert among.sum() > 1000
+    np.testing.assert_array_equal(operator @ tame.draws_mm, operator @ other.draws_mm)
+    np.testing.assert_array_equal(operator @ tame.height_mm, operator @ other.height_mm)
+
+
+def test_at_the_cells_of_the_map_draws_are_as_they_came():
+    draws = np.random.default_rng(3).standard_normal((45, *U.shape))
+    found = inner_boundary(draws[0], draws).draws_at_cells_mm()
+    np.testing.assert_array_equal(found, draws.reshape(45, -1).T)

@@ -1,38 +1,57 @@
 """Error budget of the maps: what each cause adds, predicted, beside what it adds in truth."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
 
 from rona_core.app.steps.maps.accuracy.error_terms import CellSigma
 from rona_core.app.steps.maps.accuracy.map_accuracy import MapAccuracy
 
-# Title, causes as `map_accuracy` names them, and the figure of docs/metrics.md that is their truth:
-# echoes cannot tell apart what they hold in common.
-Group = tuple[str, tuple[str, ...], str]
-OUTER: tuple[Group, ...] = (
-    ("Links of the robot", ("links of the robot",), "outer_by_links_mm"),
-    ("Head motion", ("head motion",), "outer_by_head_mm"),
-    (
+TIMING = "time of flight"
+
+
+class Group(NamedTuple):
+    """Causes that are one line of a budget."""
+
+    title: str
+    causes: tuple[str, ...]  # as `map_accuracy` names them
+    key: str  # the figure of docs/metrics.md that is their truth
+    alike: tuple[str, ...] = ()  # causes of other lines of which this one has what is shared
+
+
+OUTER = (
+    Group("Links of the robot", ("links of the robot",), "outer_by_links_mm"),
+    Group("Head motion", ("head motion",), "outer_by_head_mm"),
+    # echoes cannot tell apart what they hold in common
+    Group(
         "Probe: mounting, line, coupling",
         ("mounting of the probe", "delay line", "coupling"),
         "outer_by_probe_mm",
+        (TIMING,),
     ),
-    (
+    Group(
         "Each echo: timing, repeatability",
-        ("time of flight", "repeatability of the robot"),
+        (TIMING, "repeatability of the robot"),
         "outer_by_echo_mm",
     ),
-    (
+    Group(
         "Between A-scans and within the beam",
         ("interpolation", "roughness within the beam"),
         "outer_by_interpolation_mm",
     ),
 )
-THICKNESS: tuple[Group, ...] = (
-    ("Speed of sound, patient", ("speed of sound of the patient",), "thickness_by_speed_mm"),
-    ("Speed of sound, place", ("speed of sound at the place",), "thickness_by_place_mm"),
-    ("Each echo: timing", ("time of flight",), "thickness_by_echo_mm"),
-    (
+THICKNESS = (
+    Group(
+        "Speed of sound, all echoes alike",
+        ("speed of sound of the patient",),
+        "thickness_by_speed_mm",
+        (TIMING,),
+    ),
+    Group("Speed of sound, place", ("speed of sound at the place",), "thickness_by_place_mm"),
+    Group("Each echo: timing", (TIMING,), "thickness_by_echo_mm"),
+    Group(
         "Between A-scans and within the beam",
         ("interpolation", "inner boundary not heard", "roughness within the beam"),
         "thickness_by_interpolation_mm",
@@ -73,13 +92,16 @@ def error_budgets(accuracy: MapAccuracy, figures: Mapping[str, object]) -> tuple
 
 
 def _budget(
-    name: str, part: CellSigma, groups: tuple[Group, ...], figures: Mapping[str, object]
+    name: str, part: CellSigma, groups: Sequence[Group], figures: Mapping[str, object]
 ) -> ErrorBudget:
+    moved = {cause for group in groups for cause in group.alike}
     lines: list[BudgetLine] = []
-    for title, causes, key in groups:
-        squares = [row.sigma_mm**2 for row in part.budget if row.cause in causes]
-        true = figures.get(key)
+    for group in groups:
+        own = [row.own_mm for row in part.budget if row.cause in group.causes]
+        held = {*group.alike, *group.causes} - (moved - {*group.alike})
+        shared = [row.shared_mm for row in part.budget if row.cause in held]
+        true = figures.get(group.key)
         known = float(true) if isinstance(true, int | float) else None
-        lines.append(BudgetLine(title, sum(squares) ** 0.5, known))
+        lines.append(BudgetLine(group.title, float(np.hypot.reduce([*own, *shared])), known))
     largest = part.budget[0]
     return ErrorBudget(name, tuple(lines), largest.cause, largest.remedy)
