@@ -86,4 +86,4 @@ def test_a_budget_of_few_numbers_is_held_to_what_honest_predictions_keep():
 
 
 def test_causes_that_are_one_number_a_session_are_titles_of_the_budget():
-    assert set(accuracy.ONE_A_SESSION) < {title for title, _, _ in (*OUTER, *THICKNESS)}
+    assert set(accuracy.ONE_A_SESSION) < {group.title for group in (*OUTER, *THICKNESS)}
