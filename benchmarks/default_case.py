@@ -20,6 +20,7 @@ DEFAULT: Mapping[str, Mapping[str, Any]] = {
         "suites.accuracy.accuracy.SEEDS": range(37_000, 37_003),
         "suites.accuracy.accuracy.NOMINAL_SEEDS": range(37_100, 37_102),
         "suites.accuracy.accuracy.SKULL_SEEDS": range(37_200, 37_201),
+        "suites.accuracy.accuracy.PLACES": {},
     },
     "map_ranks": {
         "suites.accuracy.map_ranks.SEEDS": range(21_000, 21_006),

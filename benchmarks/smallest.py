@@ -235,6 +235,7 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
         "suites.accuracy.accuracy.SEEDS": (),
         "suites.accuracy.accuracy.NOMINAL_SEEDS": (),
         "suites.accuracy.accuracy.SKULL_SEEDS": (),
+        "suites.accuracy.accuracy.PLACES": {},
         "suites.accuracy.accuracy.NEXT_SEEDS": (),
         "suites.accuracy.accuracy.FILES": (DEMO,),
         "suites.accuracy.judged_maps.DRAWS": 10,

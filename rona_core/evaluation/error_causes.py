@@ -36,8 +36,7 @@ KEYS = (
     "outer_by_links_mm",
     "outer_by_head_mm",
     "outer_by_probe_mm",
-    "outer_by_echo_mm",
-    "outer_by_interpolation_mm",
+    "outer_by_sampling_mm",
     "thickness_by_speed_mm",
     "thickness_by_place_mm",
     "thickness_by_echo_mm",
@@ -100,17 +99,18 @@ def _outer(first: _FirstPass, truth: Truth) -> Figures:
     whole = outer_errors_mm(first.maps.outer_points_base[:n], truth, False)
     rest = (whole - links - head)[used]
     # where the face is, how fast its line and what is under it cannot be told apart by echoes
-    parts = {
-        "links": links[used],
-        "head": head[used],
-        "probe": rest.mean(keepdims=True),
-        "echo": rest - rest.mean(),
+    probe = float(rest.mean())
+    figures = {
+        "outer_by_links_mm": rms(links[used]),
+        "outer_by_head_mm": rms(head[used]),
+        "outer_by_probe_mm": abs(probe),
     }
-    figures = {f"outer_by_{cause}_mm": rms(part) for cause, part in parts.items()}
+    # nor can what one echo errs by and what it averages of rough bone, so that it is one cause of
+    # all that cells err by besides
     at_cells = outer_errors_mm(cells(first.maps.outer), truth, False)
-    places, wanted = _places(first.maps, used), _cells(first.maps.outer)
-    between = at_cells - fit_field(places, whole[used]).heights(wanted)
-    return {**figures, "outer_by_interpolation_mm": rms(between)}
+    elsewhere = fit_field(_places(first.maps, used), (links + head)[used] + probe)
+    besides = at_cells - elsewhere.heights(_cells(first.maps.outer))
+    return {**figures, "outer_by_sampling_mm": rms(besides)}
 
 
 def _thickness(first: _FirstPass, truth: Truth) -> Figures:

@@ -26,7 +26,7 @@ STIFFNESS = (1e-4, 1e8)  # that are looked at, noise over increments, squared
 AT_ONCE = 32  # draws that are worked on together: all of them take much memory
 PLANES = 3  # free parameters that bending does not cost
 LEAST_MM = 1e-4
-ROUGHNESS_MM = 0.03  # of the outer table within a beam, which an A-scan averages over
+ROUGHNESS_MM = 0.026  # of the outer table within a beam, which an A-scan averages over
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -113,3 +113,17 @@ def half_echo_tilt_deg(probe: ProbeModel) -> float:
     wavenumber_per_mm = 2.0 * np.pi * probe.centre_mhz / GEL_MM_PER_US
     sine = min(HALF / (wavenumber_per_mm * probe.aperture_radius_mm), 1.0)
     return float(np.rad2deg(0.5 * np.arcsin(sine)))
+
+
+def depth_spread_mm(probe: ProbeModel, heights: Floats) -> Floats:
+    """Return the RMS depth (n,) of rough bone below a face, from the heights of its front echoes.
+
+    Of a rough surface the coherent echo is exp(-2 k^2 s^2) as high as that of a plane, k the wave
+    number in gel and s the RMS of its depths (Eckart 1953).
+
+    Args:
+        probe: That took them.
+        heights: Of front echoes over that of a plane (n,), > 0; higher ones count as 1.
+    """
+    wavenumber_per_mm = 2.0 * np.pi * probe.centre_mhz / GEL_MM_PER_US
+    return np.sqrt(-0.5 * np.log(np.minimum(heights, 1.0))) / wavenumber_per_mm

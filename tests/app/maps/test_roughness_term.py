@@ -1,4 +1,4 @@
-"""What an A-scan errs by as it hears all the bone below its face: how the map varies there."""
+"""What an A-scan errs by as it hears all the bone below its face: how much, and where."""
 
 import numpy as np
 import pytest
@@ -7,19 +7,27 @@ from rona_core.app.steps.maps.accuracy.echo_terms import roughness_term
 from rona_core.geometry.pose import Pose
 from rona_core.mapping.boundary_map import BoundaryMap
 from rona_core.mapping.fitting.plate_field import ROUGHNESS_MM, fit_field
+from rona_core.ultrasound.probe.beam import depth_spread_mm
+from rona_core.ultrasound.probe.probe_model import probe_model
 
-FACE_MM = 6.0
+PROBE = probe_model("2.25MHz")
+FACE_MM = 2.0 * PROBE.aperture_radius_mm
 AT = np.arange(-10.0, 10.5, 1.0)
 
 
-def term_of(height):
-    """Return the term (nu, nv) of the bone that ``height(u, v)`` is, sampled every mm."""
+def term_of(height, front=lambda u, v: np.full(len(u), 0.9)):
+    """Return the term (nu, nv) of the bone that ``height(u, v)`` is, sampled every mm.
+
+    Args:
+        height: Of the bone at places.
+        front: Heights of the front echoes there.
+    """
     dense = np.arange(-15.0, 15.5, 1.0)
     u, v = (axis.ravel() for axis in np.meshgrid(dense, dense, indexing="ij"))
     plate = fit_field(np.column_stack((u, v)), height(u, v))
     cells = height(*np.meshgrid(AT, AT, indexing="ij"))
     boundary = BoundaryMap(Pose.identity(), AT, AT, cells, np.ones(cells.shape, dtype=np.bool_))
-    return np.broadcast_to(roughness_term(boundary, plate, FACE_MM).own_mm, cells.shape)
+    return roughness_term(boundary, plate, front(u, v), PROBE).own_mm
 
 
 def test_a_smooth_dome_has_what_no_map_shows():
@@ -34,12 +42,47 @@ def test_waves_have_their_variance_within_a_face_about_its_plane():
     x, y = (axis.ravel() for axis in np.meshgrid(square, square))
     x, y = (axis[np.hypot(x, y) <= FACE_MM / 2.0] for axis in (x, y))
     plane = np.column_stack((np.ones(len(x)), x, y))
-    for at, measured in zip(AT, found.mean(axis=1), strict=True):
+    squares = []
+    for at in AT:
         wave = high * np.cos(k * (at + x))
         rest = wave - plane @ np.linalg.lstsq(plane, wave, rcond=None)[0]
-        expected = max(np.sqrt(np.mean(rest**2)), ROUGHNESS_MM)
-        assert measured == pytest.approx(expected, rel=0.15, abs=0.005)
+        squares.append(max(np.mean(rest**2), ROUGHNESS_MM**2))
+    assert found == pytest.approx(np.sqrt(np.mean(squares)), rel=0.15)
     assert found.max() > 0.06
+
+
+def test_bone_is_rougher_where_front_echoes_are_lower():
+    def dome(u, v):
+        return -(u**2 + v**2) / 140.0
+
+    def front(u, v):
+        return np.select([u < -13.0, u < 0.0], [0.9, 0.7], 0.4)
+
+    found = term_of(dome, front)
+    even = term_of(dome)
+    assert np.sqrt(np.mean(found**2)) == pytest.approx(np.sqrt(np.mean(even**2)))
+    flat, rough = found[AT < -3.0], found[AT > 3.0]
+    apart = np.log(0.4 / 0.9) / np.log(0.7 / 0.9)  # of squares
+    assert rough**2 == pytest.approx(apart * flat[0, 0] ** 2 * np.ones(rough.shape))
+    assert flat == pytest.approx(flat[0, 0] * np.ones(flat.shape))
+
+
+def test_how_hard_a_bone_is_does_not_count():
+    def steps(u, v):
+        return np.where(u + v < 0.0, 1.0, 0.6)
+
+    soft = term_of(lambda u, v: 0.0 * u, lambda u, v: 0.7 * steps(u, v))
+    hard = term_of(lambda u, v: 0.0 * u, steps)
+    assert soft == pytest.approx(hard)
+
+
+def test_the_front_echo_of_rough_bone_falls_as_its_phases_part():
+    random = np.random.default_rng(3)
+    wavenumber = 2.0 * np.pi * PROBE.centre_mhz / 1.5
+    depths = random.normal(0.0, [[0.01], [0.03], [0.06]], (3, 200_000))
+    heights = np.abs(np.exp(-2j * wavenumber * depths).mean(axis=1))
+    assert depth_spread_mm(PROBE, heights) == pytest.approx([0.01, 0.03, 0.06], rel=0.02)
+    assert depth_spread_mm(PROBE, np.array([1.2])) == pytest.approx(0.0)
 
 
 def test_bone_between_rows_is_rougher_than_its_map():
@@ -56,7 +99,8 @@ def test_bone_between_rows_is_rougher_than_its_map():
     plate = fit_field(np.column_stack((u, v)), bone(u, v))
     ok = np.ones((len(AT), len(AT)), dtype=np.bool_)
     boundary = BoundaryMap(Pose.identity(), AT, AT, np.zeros(ok.shape), ok)
-    found = np.sqrt(np.mean(np.square(roughness_term(boundary, plate, FACE_MM).own_mm)))
+    term = roughness_term(boundary, plate, np.full(len(u), 0.9), PROBE)
+    found = np.sqrt(np.mean(np.square(term.own_mm)))
     fine = np.linspace(-FACE_MM / 2.0, FACE_MM / 2.0, 21)
     x, y = (axis.ravel() for axis in np.meshgrid(fine, fine))
     x, y = (axis[np.hypot(x, y) <= FACE_MM / 2.0] for axis in (x, y))

@@ -9,7 +9,7 @@ from rona_core.app.steps.maps.accuracy.error_budget import OUTER, THICKNESS, err
 from rona_core.app.steps.maps.accuracy.map_accuracy import map_accuracy
 from rona_core.compose import build_virtual_rig, evaluate_virtual
 from rona_core.evaluation.error_causes import KEYS
-from rona_core.evaluation.maps.map_metrics import outer_errors_mm
+from rona_core.evaluation.maps.map_metrics import cells, outer_errors_mm
 from rona_core.evaluation.scan_metrics import true_probe_poses
 from rona_core.evaluation.truth import truth_of
 from rona_core.session.document import Session
@@ -47,15 +47,28 @@ def test_no_cause_is_ten_times_what_was_predicted(demo, figures):
             assert line.true_mm < 5.0 * line.predicted_mm + 0.02, line
 
 
-def test_the_causes_in_truth_make_up_the_error_of_the_samples(demo, figures):
+def test_the_causes_in_truth_make_up_the_error_of_the_map(demo, figures):
     maps = demo.results.maps.value
     truth = truth_of(demo, build_virtual_rig(demo.setup).scene)
-    n = len(demo.results.detection.value)
-    samples = maps.outer_points_base[:n][maps.outer_used[:n]]
-    whole = np.sqrt(np.mean(outer_errors_mm(samples, truth, False) ** 2))
-    parts = [figures[f"outer_by_{cause}_mm"] for cause in ("links", "head", "probe", "echo")]
+    whole = np.sqrt(np.mean(outer_errors_mm(cells(maps.outer), truth, False) ** 2))
+    parts = [figures[f"outer_by_{cause}_mm"] for cause in ("links", "head", "probe", "sampling")]
     # causes may work against each other
     assert 2.0 * max(parts) - sum(parts) - 0.03 < whole < sum(parts) + 0.03
+
+
+def test_an_outer_boundary_that_is_moved_as_a_whole_counts_with_the_probe(demo, figures):
+    """Neither with the robot's links nor with what cells err by one by one."""
+    made = demo.results.maps
+    normal = made.value.outer.T_base_map.rotation[:, 2]
+    points = made.value.outer_points_base + 0.5 * normal
+    outer = replace(made.value.outer, height_mm=made.value.outer.height_mm + 0.5)
+    higher = replace(made.value, outer=outer, outer_points_base=points)
+    results = replace(demo.results, maps=replace(made, value=higher))
+    moved = evaluate_virtual(replace(demo, results=results), build_virtual_rig(demo.setup))
+    assert abs(moved["outer_by_probe_mm"] - figures["outer_by_probe_mm"]) > 0.4
+    for cause in ("links", "sampling"):
+        key = f"outer_by_{cause}_mm"
+        assert moved[key] == pytest.approx(figures[key], abs=0.03)
 
 
 def test_what_all_echoes_have_in_common_counts_with_the_mean_speed(demo, figures):

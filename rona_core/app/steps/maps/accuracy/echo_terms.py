@@ -9,10 +9,13 @@ from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.mapping.fitting.plate_field import ROUGHNESS_MM, PlateField
+from rona_core.ultrasound.probe.beam import depth_spread_mm
+from rona_core.ultrasound.probe.probe_model import ProbeModel
 
 INTERPOLATION = "interpolation"
 ROWS = "scan closer rows, or a second pass"
-NEAREST = 6  # A-scans whose time of flight counts at a cell
+NEAREST = 6  # A-scans whose time of flight and height count at a cell
+LEAST_HEIGHT = 0.01  # of a front echo over the highest; a lower one tells no more
 ROUGHNESS = "roughness within the beam"
 PLACES = 24  # evenly over a face, at which a plate is looked at
 DRAWS = 16  # of a plate, which tell how much rougher the bone is than its map
@@ -45,8 +48,7 @@ def sampling_terms(
     if samples is None or surface is None:
         return ErrorTerm("time of flight"), ErrorTerm(INTERPOLATION, np.full(shape, np.inf))
     places = cells_map(boundary)[:, :2]
-    near = KDTree(samples.places_mm).query(places, k=min(NEAREST, len(sigma_mm)))[1]
-    timing = np.sqrt(np.mean(sigma_mm[near.reshape(len(places), -1)] ** 2, axis=1))
+    timing = _rms_around(samples, sigma_mm, places)
     # two estimates of one deviation: what the samples state here, and how all of them scatter
     timing = 0.5 * (timing + samples.scatter_mm).reshape(shape)
     apart = surface.sigmas_mm(places).reshape(shape)
@@ -67,27 +69,58 @@ def sampling_terms(
     )
 
 
-def roughness_term(boundary: BoundaryMap, surface: PlateField, face_mm: float) -> ErrorTerm:
+def roughness_term(
+    boundary: BoundaryMap, surface: PlateField, heights: Floats, probe: ProbeModel
+) -> ErrorTerm:
     """Return what cells add since an A-scan hears all the bone below its face, not one place.
 
-    By how much the bone departs from a plane within a face, less the dome of the whole: bone that
-    is seen to be rough is no less so where nobody looks, and none is as smooth as its map. The
-    variance of the bone is that of the map, its mean, and that of draws about it.
+    How much of it there is in the whole follows from the map, and where it is from front echoes,
+    which are the lower the rougher the bone is below the face.
+
+    Args:
+        boundary: Its grid is meant.
+        surface: The plate that the map is made of, through samples (n).
+        heights: Of their front echoes (n,) over that of perfect contact; how hard this bone is
+            drops out, since the highest stands for flat bone.
+        probe: That took them.
+    """
+    cells, ok = cells_map(boundary)[:, :2], boundary.ok.ravel()
+    ok = ok if ok.any() else np.ones_like(ok)
+    mapped = _departure_mm(surface, cells, 2.0 * probe.aperture_radius_mm)
+    whole_mm = np.sqrt(np.mean(np.maximum(mapped, ROUGHNESS_MM)[ok] ** 2))
+    over_flat = heights / max(float(heights.max()), LEAST_HEIGHT)
+    spread = depth_spread_mm(probe, np.maximum(over_flat, LEAST_HEIGHT))
+    heard = _rms_around(surface, spread, cells)
+    even = np.sqrt(np.mean(heard[ok] ** 2))
+    share = heard / even if even > 0.0 else np.ones_like(heard)
+    return ErrorTerm(ROUGHNESS, (whole_mm * share).reshape(boundary.height_mm.shape))
+
+
+def _departure_mm(surface: PlateField, cells: Floats, face_mm: float) -> Floats:
+    """Return the RMS (m,) by which bone departs from a plane within a face at cells (m, 2).
+
+    Less the dome of the whole. Bone that is seen to be rough is no less so where nobody looks, and
+    none is as smooth as its map: its variance is that of the map, its mean, and of draws about it.
     """
     order = np.arange(PLACES)
     radii = face_mm / 2.0 * np.sqrt((order + 0.5) / PLACES)
     turns = order * np.pi * (3.0 - np.sqrt(5.0))  # as the seeds of a sunflower lie
     face = np.column_stack((radii * np.cos(turns), radii * np.sin(turns)))
     plane = np.linalg.qr(np.column_stack((np.ones(PLACES), face)))[0]
-    cells, found = cells_map(boundary)[:, :2], []
+    found = []
     for start in range(0, len(cells), AT_ONCE):
         places = (face[:, None] + cells[start : start + AT_ONCE]).reshape(-1, 2)
         drawn = surface.drawn_errors(places, DRAWS, np.random.default_rng(0))
         over = np.vstack((surface.departures(places), drawn)).reshape(1 + DRAWS, PLACES, -1)
         squares = np.sum(over**2, axis=1) - np.sum((plane.T @ over) ** 2, axis=1)
         found.append((squares[0] + squares[1:].mean(axis=0)) / PLACES)
-    varies = np.maximum(np.concatenate(found), 0.0).reshape(boundary.height_mm.shape)
-    return ErrorTerm(ROUGHNESS, own_mm=np.maximum(np.sqrt(varies), ROUGHNESS_MM))
+    return np.sqrt(np.maximum(np.concatenate(found), 0.0))
+
+
+def _rms_around(samples: PlateField, values_mm: Floats, cells: Floats) -> Floats:
+    """Return the RMS (m,) of values of the samples (n,) nearest to each cell (m, 2)."""
+    near = KDTree(samples.places_mm).query(cells, k=min(NEAREST, len(values_mm)))[1]
+    return np.sqrt(np.mean(values_mm[near.reshape(len(cells), -1)] ** 2, axis=1))
 
 
 def unheard_term(maps: Maps, T_map_base: Pose) -> ErrorTerm:

@@ -31,15 +31,11 @@ OUTER = (
         "outer_by_probe_mm",
         (TIMING,),
     ),
+    # nor an echo what it averages of rough bone
     Group(
-        "Each echo: timing, repeatability",
-        (TIMING, "repeatability of the robot"),
-        "outer_by_echo_mm",
-    ),
-    Group(
-        "Between A-scans and within the beam",
-        ("interpolation", "roughness within the beam"),
-        "outer_by_interpolation_mm",
+        "Each echo, between A-scans and within the beam",
+        (TIMING, "repeatability of the robot", "interpolation", "roughness within the beam"),
+        "outer_by_sampling_mm",
     ),
 )
 THICKNESS = (

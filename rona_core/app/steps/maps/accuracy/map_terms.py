@@ -161,10 +161,12 @@ def _terms(
     found = samples.corrected()
     n, T_map_base = len(found[0]), maps.outer.T_base_map.inv()
     outer_map = T_map_base @ maps.outer_points_base[maps.outer_used]
-    outer_sigma = found[0].outer_sigma_mm[maps.outer_used[:n]]  # of the first pass alone
-    face_mm = 2.0 * probe_model(samples.probe).aperture_radius_mm
-    plate = plate_through(outer_map)
-    rough, of_place = roughness_term(maps.outer, plate, face_mm), place.of_cells(maps)
+    first_used = maps.outer_used[:n]  # of the first pass alone
+    outer_sigma = found[0].outer_sigma_mm[first_used]
+    probe = probe_model(samples.probe)
+    face_mm = 2.0 * probe.aperture_radius_mm
+    plate, of_place = plate_through(outer_map), place.of_cells(maps)
+    rough = roughness_term(maps.outer, plate, found[0].outer_quality[first_used], probe)
     front = sampling_terms(maps.outer, plate, plate, outer_sigma, face_mm)
     fused = _fused_terms(maps, (*front, rough, *of_place), plate, cloud)
     between_map = T_map_base @ maps.inner_points_base[maps.inner_used]
