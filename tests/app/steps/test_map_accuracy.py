@@ -191,6 +191,18 @@ def test_a_boundary_set_by_hand_is_as_sure_as_an_eye(demo, accuracy):
     assert after.thickness.own_mm[at] > accuracy.thickness.own_mm[at]
 
 
+def test_an_outer_boundary_set_by_hand_tells_nothing_of_how_rough_the_bone_is(demo):
+    used = np.flatnonzero(demo.results.maps.value.outer_used[: len(demo.results.detection.value)])
+    found = demo.results.detection.value
+    i = int(used[np.argmin(found.outer_quality[used])])
+    edit = CorrectBoundary(i, outer_us=float(found.outer_us[i])).edit()
+    after = map_terms(replace(demo, boundary_edits=demo.boundary_edits.put(edit)))
+    before = map_terms(demo)
+    assert np.array_equal(after.rough.own_mm, before.rough.own_mm)
+    assert not np.array_equal(after.front[0].own_mm, before.front[0].own_mm)
+    assert np.ptp(before.rough.own_mm) > 0.01
+
+
 def test_of_other_ascans_than_those_of_the_maps_nothing_is_said(demo):
     results = demo.results
     gone = replace(demo, results=replace(results, second_detection=None))

@@ -9,13 +9,12 @@ from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.mapping.fitting.plate_field import ROUGHNESS_MM, PlateField
-from rona_core.ultrasound.probe.beam import depth_spread_mm
+from rona_core.ultrasound.probe.beam import LEAST_LEVEL, rms_roughness_mm
 from rona_core.ultrasound.probe.probe_model import ProbeModel
 
 INTERPOLATION = "interpolation"
 ROWS = "scan closer rows, or a second pass"
-NEAREST = 6  # A-scans whose time of flight and height count at a cell
-LEAST_HEIGHT = 0.01  # of a front echo over the highest; a lower one tells no more
+NEAREST = 6  # A-scans whose time of flight and level count at a cell
 ROUGHNESS = "roughness within the beam"
 PLACES = 24  # evenly over a face, at which a plate is looked at
 DRAWS = 16  # of a plate, which tell how much rougher the bone is than its map
@@ -70,7 +69,7 @@ def sampling_terms(
 
 
 def roughness_term(
-    boundary: BoundaryMap, surface: PlateField, heights: Floats, probe: ProbeModel
+    boundary: BoundaryMap, surface: PlateField, levels: Floats, probe: ProbeModel
 ) -> ErrorTerm:
     """Return what cells add since an A-scan hears all the bone below its face, not one place.
 
@@ -80,19 +79,17 @@ def roughness_term(
     Args:
         boundary: Its grid is meant.
         surface: The plate that the map is made of, through samples (n).
-        heights: Of their front echoes (n,) over that of perfect contact; how hard this bone is
-            drops out, since the highest stands for flat bone.
+        levels: Amplitudes of their front echoes (n,) over that of perfect contact. The highest
+            stands for smooth bone, so that how hard it is drops out as long as none is clipped.
         probe: That took them.
     """
     cells, ok = cells_map(boundary)[:, :2], boundary.ok.ravel()
     ok = ok if ok.any() else np.ones_like(ok)
     mapped = _departure_mm(surface, cells, 2.0 * probe.aperture_radius_mm)
     whole_mm = np.sqrt(np.mean(np.maximum(mapped, ROUGHNESS_MM)[ok] ** 2))
-    over_flat = heights / max(float(heights.max()), LEAST_HEIGHT)
-    spread = depth_spread_mm(probe, np.maximum(over_flat, LEAST_HEIGHT))
-    heard = _rms_around(surface, spread, cells)
-    even = np.sqrt(np.mean(heard[ok] ** 2))
-    share = heard / even if even > 0.0 else np.ones_like(heard)
+    seen = rms_roughness_mm(probe, levels / max(float(levels.max()), LEAST_LEVEL))
+    around = _rms_around(surface, np.hypot(seen, ROUGHNESS_MM), cells)
+    share = around / np.sqrt(np.mean(around[ok] ** 2))
     return ErrorTerm(ROUGHNESS, (whole_mm * share).reshape(boundary.height_mm.shape))
 
 

@@ -100,6 +100,14 @@ class _Samples:
     def __len__(self) -> int:
         return sum(len(found) for found in self.detections)
 
+    def levels(self) -> Floats:
+        """Return the levels of the front echoes of the first pass (n,) as they were detected.
+
+        By hand a probe is tilted by more than bone is rough, so that they all count alike.
+        """
+        detected = self.detections[0].outer_quality
+        return np.ones_like(detected) if self.scans == ("hand",) else detected
+
     def corrected(self) -> tuple[Detection, ...]:
         """Return what was detected, with what was set by hand in its place."""
         probe = probe_model(self.probe)
@@ -166,7 +174,7 @@ def _terms(
     probe = probe_model(samples.probe)
     face_mm = 2.0 * probe.aperture_radius_mm
     plate, of_place = plate_through(outer_map), place.of_cells(maps)
-    rough = roughness_term(maps.outer, plate, found[0].outer_quality[first_used], probe)
+    rough = roughness_term(maps.outer, plate, samples.levels()[first_used], probe)
     front = sampling_terms(maps.outer, plate, plate, outer_sigma, face_mm)
     fused = _fused_terms(maps, (*front, rough, *of_place), plate, cloud)
     between_map = T_map_base @ maps.inner_points_base[maps.inner_used]
