@@ -40,8 +40,8 @@ SKULL_SEEDS = range(37_200, 37_203)
 PLACE_SEEDS = range(37_210, 37_214)  # of each of the places
 # file -> middles of regions, in mm of the file
 PLACES: Mapping[str, tuple[tuple[float, float, float], ...]] = {
-    SKULLS[0]: ((356, 50, 465), (319, 56, 465), (327, 17, 522), (349, -44, 510)),
-    SKULLS[1]: ((131, 42, 114), (164, 110, 84), (161, 119, 132), (158, 101, 45)),
+    SKULLS[0]: ((333, -39, 528), (304, 59, 456), (312, 32, 525), (346, 49, 488)),
+    SKULLS[1]: ((93, 75, 176), (114, 51, 43), (139, 160, 152), (88, 29, 114)),
 }
 NEXT_SEEDS = range(37_300, 37_304)  # of patients that are scanned again in several ways
 FILES: tuple[Path, ...] = ()  # sessions with virtual devices that count among the realistic

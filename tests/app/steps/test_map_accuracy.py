@@ -9,7 +9,13 @@ from benchmarks.reference.map_coverage import bands, parts, within
 from rona_core.app.steps.acoustics.thickness_uncertainty import speed_of_maps
 from rona_core.app.steps.boundaries.ascan_view import ascan_plot
 from rona_core.app.steps.boundaries.messages import CorrectBoundary
-from rona_core.app.steps.maps.accuracy.echo_terms import ROUGHNESS, UNHEARD, unheard_term
+from rona_core.app.steps.maps.accuracy.echo_terms import (
+    FRONT_UNHEARD,
+    ROUGHNESS,
+    UNHEARD,
+    front_unheard_term,
+    unheard_term,
+)
 from rona_core.app.steps.maps.accuracy.error_terms import ErrorTerm
 from rona_core.app.steps.maps.accuracy.map_accuracy import accuracy_words, map_accuracy
 from rona_core.app.steps.maps.accuracy.map_terms import map_terms
@@ -55,7 +61,7 @@ def test_the_budget_of_each_map_is_the_sum_of_its_causes(demo, accuracy):
     assert causes["mounting of the probe"].sigma_mm < 0.03
     of_bone = {row.cause for row in accuracy.thickness.budget}
     assert ROUGHNESS in of_bone
-    carried = set(causes) - {row.cause for row in accuracy.thickness.budget}
+    carried = set(causes) - of_bone - {FRONT_UNHEARD}
     inner = {row.cause for row in accuracy.inner.budget}
     assert inner == carried | of_bone - {ROUGHNESS}
 
@@ -273,6 +279,24 @@ def test_bone_is_less_sure_the_more_of_the_places_around_it_nobody_heard(demo):
         assert term.shared_mm[i, j] == pytest.approx(0.379 * both, rel=0.01)  # to one side
     counted = term.own_mm[maps.inner.ok & maps.outer.ok]
     assert counted.min() < 0.02 < 0.2 < counted.max() < 0.45
+
+
+def test_the_outer_boundary_is_less_sure_where_no_front_echo_tells_of_it(demo):
+    made = demo.results.maps
+    maps, n = made.value, len(demo.results.detection.value)
+    T_map_base = maps.outer.T_base_map.inv()
+    places = (T_map_base @ maps.outer_points_base[:n])[:, :2]
+    groove = np.abs(places[:, 0]) < 3.0
+    every, used = (np.ones(len(maps.outer_used), dtype=np.bool_) for _ in range(2))
+    used[:n][groove] = False
+    term = front_unheard_term(replace(maps, outer_used=used), T_map_base, n)
+    in_it = np.abs(maps.outer.u_mm) < 1.0
+    beside = np.abs(maps.outer.u_mm) > 9.0
+    ok = maps.outer.ok
+    assert term.own_mm[in_it][ok[in_it]].min() > 0.2
+    assert term.own_mm[in_it][ok[in_it]].max() <= 0.3
+    assert term.own_mm[beside][ok[beside]].max() < 0.01
+    assert not front_unheard_term(replace(maps, outer_used=every), T_map_base, n).own_mm.any()
 
 
 def test_a_place_counts_as_heard_however_many_ascans_there_heard_nothing(demo):

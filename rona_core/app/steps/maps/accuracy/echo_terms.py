@@ -5,7 +5,7 @@ from scipy.ndimage import gaussian_filter
 from scipy.spatial import KDTree
 
 from rona_core.app.steps.maps.accuracy.error_terms import HIDDEN_ALIKE, ErrorTerm
-from rona_core.geometry.arrays import Floats
+from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.pose import Pose
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.mapping.fitting.plate_field import ROUGHNESS_MM, PlateField
@@ -21,6 +21,8 @@ DRAWS = 16  # of a plate, which tell how much rougher the bone is than its map
 AT_ONCE = 4000  # cells, all of whose draws take 15 MB
 UNHEARD = "inner boundary not heard"
 UNHEARD_MM = 0.45  # where no place around was heard, both parts together
+FRONT_UNHEARD = "outer boundary not heard"
+FRONT_UNHEARD_MM = 0.3  # the same of the outer boundary
 UNHEARD_REACH_MM = 2.0  # places this far away count as around, and errors hang together
 
 
@@ -127,21 +129,10 @@ def unheard_term(maps: Maps, T_map_base: Pose) -> ErrorTerm:
     heard. It goes wrong the more of the places around were not heard by any A-scan: too thick where
     grooves are, too thin where crests are.
     """
-    inner, heard = maps.inner, maps.inner_used
-    if heard.all() or not heard.any():
+    if not maps.inner_used.any():
         return ErrorTerm(UNHEARD)
-    cell_mm, shape = _cell_mm(inner), inner.ok.shape
-    cells = (T_map_base @ maps.outer_points_base)[:, :2] - (inner.u_mm[0], inner.v_mm[0])
-    cells = np.clip(np.rint(cells / cell_mm).astype(np.int64), 0, np.array(shape) - 1)
-    scanned, silent = np.zeros(shape), np.zeros(shape)
-    scanned[tuple(cells.T)] = silent[tuple(cells.T)] = 1.0
-    silent[tuple(cells[heard].T)] = 0.0
-    around, unheard = (
-        gaussian_filter(places, UNHEARD_REACH_MM / cell_mm, mode="constant")
-        for places in (scanned, silent)
-    )
-    share = np.divide(unheard, around, out=np.ones(shape), where=around > 0.0)
-    off_mm = UNHEARD_MM * share
+    places = (T_map_base @ maps.outer_points_base)[:, :2]
+    off_mm = UNHEARD_MM * _unheard_share(maps.inner, places, maps.inner_used)
     return ErrorTerm(
         UNHEARD,
         np.sqrt(1.0 - HIDDEN_ALIKE**2) * off_mm,
@@ -150,6 +141,45 @@ def unheard_term(maps: Maps, T_map_base: Pose) -> ErrorTerm:
         reach_mm=UNHEARD_REACH_MM,
         hidden=True,
     )
+
+
+def front_unheard_term(maps: Maps, T_map_base: Pose, count: int) -> ErrorTerm:
+    """Return what cells add around which no front echo tells of the outer boundary.
+
+    None comes back from a steep edge or a groove, or one that disagrees with all around, and the
+    map goes on over it.
+
+    Args:
+        maps: With the points of all A-scans.
+        T_map_base: Their frame.
+        count: Of A-scans in the first pass, which the outer map is made of.
+    """
+    places = (T_map_base @ maps.outer_points_base[:count])[:, :2]
+    off_mm = FRONT_UNHEARD_MM * _unheard_share(maps.outer, places, maps.outer_used[:count])
+    return ErrorTerm(FRONT_UNHEARD, off_mm, remedy=ROWS, reach_mm=UNHEARD_REACH_MM)
+
+
+def _unheard_share(boundary: BoundaryMap, places: Floats, heard: Bools) -> Floats:
+    """Return the share (nu, nv) of scanned places around each cell that no A-scan heard.
+
+    Args:
+        boundary: Its grid is meant.
+        places: Of A-scans (n, 2) in ``map``.
+        heard: Which of them (n,) heard the boundary.
+    """
+    cell_mm, shape = _cell_mm(boundary), boundary.ok.shape
+    if heard.all():
+        return np.zeros(shape)
+    cells = np.rint((places - (boundary.u_mm[0], boundary.v_mm[0])) / cell_mm).astype(np.int64)
+    cells = np.clip(cells, 0, np.array(shape) - 1)
+    scanned, silent = np.zeros(shape), np.zeros(shape)
+    scanned[tuple(cells.T)] = silent[tuple(cells.T)] = 1.0
+    silent[tuple(cells[heard].T)] = 0.0
+    around, unheard = (
+        gaussian_filter(marked, UNHEARD_REACH_MM / cell_mm, mode="constant")
+        for marked in (scanned, silent)
+    )
+    return np.divide(unheard, around, out=np.ones(shape), where=around > 0.0)
 
 
 def mean_error_mm(own_mm: Floats, boundary: BoundaryMap, face_mm: float) -> float:

@@ -34,7 +34,13 @@ OUTER = (
     # nor an echo what it averages of rough bone
     Group(
         "Each echo, between A-scans and within the beam",
-        (TIMING, "repeatability of the robot", "interpolation", "roughness within the beam"),
+        (
+            TIMING,
+            "repeatability of the robot",
+            "interpolation",
+            "outer boundary not heard",
+            "roughness within the beam",
+        ),
         "outer_by_sampling_mm",
     ),
 )

@@ -17,6 +17,7 @@ from rona_core.app.steps.maps.accuracy.echo_terms import (
     INTERPOLATION,
     ROWS,
     cells_map,
+    front_unheard_term,
     mean_error_mm,
     roughness_term,
     sampling_terms,
@@ -175,7 +176,10 @@ def _terms(
     face_mm = 2.0 * probe.aperture_radius_mm
     plate, of_place = plate_through(outer_map), place.of_cells(maps)
     rough = roughness_term(maps.outer, plate, samples.levels()[first_used], probe)
-    front = sampling_terms(maps.outer, plate, plate, outer_sigma, face_mm)
+    front = (
+        *sampling_terms(maps.outer, plate, plate, outer_sigma, face_mm),
+        front_unheard_term(maps, T_map_base, n),
+    )
     fused = _fused_terms(maps, (*front, rough, *of_place), plate, cloud)
     between_map = T_map_base @ maps.inner_points_base[maps.inner_used]
     between_map[:, 2] = _heights_at(maps.outer, between_map) - between_map[:, 2]
