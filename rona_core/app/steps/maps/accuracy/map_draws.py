@@ -84,6 +84,8 @@ def draw_maps(
     inner = _drawn(maps.inner, lasting, count, generator)  # of the speed, so far
     inner += reread
     np.subtract(place, inner, out=inner)
+    # last: draws of all else are the same whether a front echo was missing or not
+    outer += _drawn(maps.outer, (terms.front_unheard,), count, generator)
     np.minimum(inner, outer - LEAST_THICKNESS_MM, out=inner)
     return MapDraws(maps, readonly(outer), readonly(inner), readonly(reread))
 

@@ -69,6 +69,7 @@ class MapTerms:
 
     place: tuple[ErrorTerm, ...]  # where the probe was, which all boundaries share
     front: tuple[ErrorTerm, ...]  # of front echoes, and between them
+    front_unheard: ErrorTerm  # where there were none
     rough: ErrorTerm  # of the outer boundary within the beam
     fused: tuple[ErrorTerm, ...]
     depth: tuple[ErrorTerm, ...]  # of the way of an echo through the bone
@@ -76,7 +77,7 @@ class MapTerms:
     @property
     def outer(self) -> tuple[ErrorTerm, ...]:
         """Those of the outer boundary."""
-        return (*self.front, self.rough, *self.place)
+        return (*self.front, self.front_unheard, self.rough, *self.place)
 
     @property
     def inner(self) -> tuple[ErrorTerm, ...]:
@@ -176,11 +177,9 @@ def _terms(
     face_mm = 2.0 * probe.aperture_radius_mm
     plate, of_place = plate_through(outer_map), place.of_cells(maps)
     rough = roughness_term(maps.outer, plate, samples.levels()[first_used], probe)
-    front = (
-        *sampling_terms(maps.outer, plate, plate, outer_sigma, face_mm),
-        front_unheard_term(maps, T_map_base, n),
-    )
-    fused = _fused_terms(maps, (*front, rough, *of_place), plate, cloud)
+    front = sampling_terms(maps.outer, plate, plate, outer_sigma, face_mm)
+    unheard = front_unheard_term(maps, T_map_base, n)
+    fused = _fused_terms(maps, (*front, unheard, rough, *of_place), plate, cloud)
     between_map = T_map_base @ maps.inner_points_base[maps.inner_used]
     between_map[:, 2] = _heights_at(maps.outer, between_map) - between_map[:, 2]
     timing = np.concatenate([one.thickness_sigma_mm for one in found])[maps.inner_used]
@@ -201,7 +200,7 @@ def _terms(
             reach_mm=LOCAL_LENGTH_MM,
         ),
     )
-    return MapTerms(of_place, front, rough, fused, depth)
+    return MapTerms(of_place, front, unheard, rough, fused, depth)
 
 
 def _fused_terms(
