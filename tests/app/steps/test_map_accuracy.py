@@ -105,7 +105,8 @@ def test_the_parts_add_up_and_the_robot_counts_where_another_uses_the_map(demo, 
     # what front echoes err by moves the thickness, not the inner boundary
     terms = map_terms(demo)
     for ways in ("own_mm", "shared_mm"):
-        of_front = sum(np.square(getattr(term, ways)) for term in terms.front)
+        fronts = (*terms.front, terms.front_unheard)
+        of_front = sum(np.square(getattr(term, ways)) for term in fronts)
         rough = np.square(getattr(terms.rough, ways))
         parts_mm2 = [np.square(getattr(part, ways)) for part in (bone, outer, inner)]
         carried = parts_mm2[1] - of_front - rough
