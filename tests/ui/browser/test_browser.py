@@ -273,6 +273,7 @@ def test_all_steps_by_keys_alone(surgeon: Surgeon) -> None:
     keyboard.go_to(surgeon, "Implant bed")
     surgeon.page.keyboard.press("Control+Enter")
     surgeon.wait_state("Implant bed", "done")
+    surgeon.button("Plan milling").wait_for()  # once the bed's milling is known
     keyboard.press(surgeon, "Plan milling")
     keyboard.press(surgeon, "Rehearse milling")
     surgeon.frame.get_by_text("Rehearsed: ").wait_for()
