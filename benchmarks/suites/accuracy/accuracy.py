@@ -1,8 +1,8 @@
 """The boundary maps against the truth: how wrong, how honest, what fusion brings, what they cost.
 
 Whole procedures of seeds of the realistic and of the nominal world, and of two real skulls where
-they are there: at the place that RONA chooses, and at four other places each. Nothing was tuned on
-these seeds.
+they are there: at the place that RONA chooses, whose bone was looked at when constants were chosen,
+and at four other places each. With the other seeds nothing was tuned.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

@@ -111,8 +111,7 @@ def half_echo_tilt_deg(probe: ProbeModel) -> float:
     A disc of radius a receives a plane wave that comes back at twice the tilt; its mean over the
     disc is 2 J1(x) / x with x = k a sin(2 tilt).
     """
-    wavenumber_per_mm = 2.0 * np.pi * probe.centre_mhz / GEL_MM_PER_US
-    sine = min(HALF / (wavenumber_per_mm * probe.aperture_radius_mm), 1.0)
+    sine = min(HALF / (_gel_wavenumber_per_mm(probe) * probe.aperture_radius_mm), 1.0)
     return float(np.rad2deg(0.5 * np.arcsin(sine)))
 
 
@@ -128,5 +127,10 @@ def rms_roughness_mm(probe: ProbeModel, levels: Floats) -> Floats:
         probe: That took them.
         levels: Amplitudes over that of a plane (n,): 1 is smooth, and any below 0.01 as rough.
     """
-    wavenumber_per_mm = 2.0 * np.pi * probe.centre_mhz / GEL_MM_PER_US
-    return np.sqrt(-0.5 * np.log(np.clip(levels, LEAST_LEVEL, 1.0))) / wavenumber_per_mm
+    phases = np.sqrt(-0.5 * np.log(np.clip(levels, LEAST_LEVEL, 1.0)))  # k s, in rad
+    return phases / _gel_wavenumber_per_mm(probe)
+
+
+def _gel_wavenumber_per_mm(probe: ProbeModel) -> float:
+    """Return the wave number in gel at the centre frequency."""
+    return 2.0 * np.pi * probe.centre_mhz / GEL_MM_PER_US
