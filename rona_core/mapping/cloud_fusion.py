@@ -32,6 +32,7 @@ LEAST_STEP_MM = 1e-5
 LEAST_SCALE_MM = 0.02
 ARM_MM = 20.0  # turns count as the way of a point so far from the middle
 PATCH_MM = 6.0  # errors of tracker and map hang together over so much
+NEAREST = 12  # points that tell by how much the surface misses the bone at a place
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +58,18 @@ class FusedCloud:
     fit: CloudFit  # its correction in ``map``
     points_map: Floats  # (k, 3) of the cloud that went in, moved: one for each cell
     scatter_mm: float  # of the cloud about the map it was laid on
+
+    def sigmas_mm(self, places_mm: Floats) -> Floats:
+        """Return what the surface is off by (m,) at places (m, 2) where the cloud alone tells.
+
+        Two estimates of one variance: how the whole cloud scatters about the map, and by how much
+        the points nearest to a place miss the surface, which follows no groove and no edge.
+        """
+        points = self.points_map
+        off = points[:, 2] - self.plate.heights(points[:, :2])
+        near = KDTree(points[:, :2]).query(places_mm, k=min(NEAREST, len(points)))[1]
+        missed = np.mean(off[near.reshape(len(places_mm), -1)] ** 2, axis=1)
+        return np.sqrt(0.5 * (missed + self.scatter_mm**2))
 
 
 def fuse_cloud(

@@ -19,7 +19,8 @@ from rona_core.virtual.specimen.imported.volume_reader import BoneVolume, pooled
 
 SPACING_MM = 0.8
 LATERAL_MM = 25.0  # beyond the radius of the disc
-ABOVE_MM, BELOW_MM = 12.0, 46.0  # the surface at the centre of the disc
+ABOVE_MM, BELOW_MM = 12.0, 46.0  # the surface at the centre of the disc, at least
+AIR_MM = 6.0  # over the highest bone: rays must start outside it
 BAND_MM = 4.0  # the distance is clipped to this
 SMOOTHING_VOXELS = 1.0  # sigma of the Gaussian that removes the steps of the voxels
 MOST_LABELLED = 30_000_000  # voxels in which pieces are told apart; more are pooled for that
@@ -44,15 +45,30 @@ class Grid:
         return self.origin_skull + places @ self.axes_skull.T
 
 
-def grid_about(center_skull: Vector3, outward_skull: Vector3, radius_mm: float) -> Grid:
-    """Return the grid that holds whatever a scan of a disc can touch; its third axis is outward."""
+def grid_about(
+    center_skull: Vector3, outward_skull: Vector3, radius_mm: float, highest_mm: float = 0.0
+) -> Grid:
+    """Return the grid that holds whatever a scan of a disc can touch; its third axis is outward.
+
+    Args:
+        center_skull: Of the disc (3,), on the outer surface.
+        outward_skull: Unit vector (3,).
+        radius_mm: Of the disc.
+        highest_mm: How far bone about the disc rises above it; see `reach_mm`.
+    """
     across: Floats = np.linalg.svd(outward_skull[None])[2][1:]
     axes: Any = np.stack((across[0], np.cross(outward_skull, across[0]), outward_skull), axis=1)
     n = 2 * int(np.ceil((radius_mm + LATERAL_MM) / SPACING_MM)) + 1
-    below, above = int(np.ceil(BELOW_MM / SPACING_MM)), int(np.ceil(ABOVE_MM / SPACING_MM))
+    above_mm = max(ABOVE_MM, highest_mm + AIR_MM)
+    below, above = int(np.ceil(BELOW_MM / SPACING_MM)), int(np.ceil(above_mm / SPACING_MM))
     start = np.array(((n - 1) / 2, (n - 1) / 2, below))
     origin = center_skull - SPACING_MM * axes @ start
     return Grid(origin, axes, SPACING_MM, (n, n, below + above + 1))
+
+
+def reach_mm(radius_mm: float) -> float:
+    """Return how far from its axis the grid about a disc reaches, in its corners."""
+    return float(np.sqrt(2.0)) * (radius_mm + LATERAL_MM)
 
 
 def distance_from_volume(bone: BoneVolume, grid: Grid) -> tuple[Floats, float]:

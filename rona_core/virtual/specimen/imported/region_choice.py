@@ -34,6 +34,18 @@ class CoarseBone:
     voxel_mm: Floats  # (3,)
     back: int  # +1 if y grows to the back, -1 to the front, 0 unknown
 
+    def highest_mm(self, center_skull: Vector3, outward_skull: Vector3, reach_mm: float) -> float:
+        """Return how far bone within a reach of the axis through a point rises above that point."""
+        highest = -np.inf
+        for i, layer in enumerate(self.mask):  # layer by layer, to spare memory
+            j, k = np.nonzero(layer)
+            voxels = np.stack((np.full(len(j), i), j, k), axis=1) * self.voxel_mm
+            off = voxels + self.origin_skull - center_skull
+            heights = off @ outward_skull
+            near = (off**2).sum(axis=1) - heights**2 <= reach_mm**2
+            highest = max(highest, float(heights[near].max(initial=-np.inf)))
+        return highest
+
 
 def coarse_bone(mask: Bools, T_skull_voxel: Floats, back: int) -> CoarseBone:
     """Thin out a volume to about 1 mm and turn its axes to ascend along x, y and z.

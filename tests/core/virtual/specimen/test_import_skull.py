@@ -298,6 +298,25 @@ def test_a_simulated_skull_saved_as_a_mesh_keeps_its_thickness(tmp_path):
     assert np.abs(error).max() < 0.4
 
 
+def test_bone_that_rises_beside_the_disc_is_felt_where_it_is(tmp_path):
+    side = np.arange(-95.0, 96.0)
+    x, y, z = np.meshgrid(side, side, side, indexing="ij")
+    r, hill_mm = np.sqrt(x**2 + y**2 + z**2), 15.0
+    top = np.array((32.0, 0.0, 74.0))  # middle of a ball that stands on the shell
+    hill = (x - top[0]) ** 2 + (y - top[1]) ** 2 + (z - top[2]) ** 2 <= hill_mm**2
+    affine = np.diag((1.0, 1.0, 1.0, 1.0))
+    affine[:3, 3] = side[0]
+    shell = ((r <= OUTER_MM) & (r >= INNER_MM)) | hill
+    nibabel.save(nibabel.Nifti1Image(shell.astype(np.uint8), affine), tmp_path / "hill.nii.gz")
+    skull = import_skull(tmp_path / "hill.nii.gz", center=(0.0, 0.0, OUTER_MM), radius_mm=12.0)
+    specimen = LoadedSpecimen(skull, radius_mm=12.0)
+    above = top + np.array([(0.0, 0.0, 40.0), (-6.0, 0.0, 40.0), (0.0, 6.0, 40.0)])
+    t = specimen.ray(above, np.repeat([(0.0, 0.0, -1.0)], len(above), axis=0))
+    felt = above - t[:, None] * np.array((0.0, 0.0, 1.0))
+    np.testing.assert_allclose(np.linalg.norm(felt - top, axis=1), hill_mm, atol=0.5)
+    assert np.linalg.norm(specimen.closest(felt) - felt, axis=1).max() < 0.02
+
+
 def slanted_shell(voxel_mm, axes):
     """Return a hollow ball in a box, as fine as a cone beam sees it, and a grid about its top."""
     outward = axes[:, 2]

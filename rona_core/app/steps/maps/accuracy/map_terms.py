@@ -224,7 +224,8 @@ def _fused_terms(
         for term in outer
         if term.cause != INTERPOLATION
     ]
-    touched = ErrorTerm(CLOUD, own_mm=(1.0 - share) * joined.scatter_mm, reach_mm=PATCH_MM / 2.0)
+    felt = joined.sigmas_mm(places).reshape(shape)
+    touched = ErrorTerm(CLOUD, own_mm=(1.0 - share) * felt, reach_mm=PATCH_MM / 2.0)
     return (*kept, between, touched)
 
 
