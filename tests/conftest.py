@@ -3,12 +3,14 @@
 Property tests draw the same examples on every run, and a busy machine fails none of them.
 ``RONA_EXAMPLES`` times as many are drawn where that is set.
 One worker drives the browsers, one after the other, on one server; the others begin with the files
-that took longest in the last run, so that all end together.
+that took longest in the last run, so that all end together, and leave it the processor where it
+wants one.
 """
 
 import gc
 import os
 from collections import Counter
+from functools import cache
 
 from hypothesis import settings
 
@@ -18,6 +20,7 @@ settings.load_profile("rona")
 MORE_EXAMPLES = int(os.environ.get("RONA_EXAMPLES", "1"))
 SECONDS = "rona/seconds_of_files"
 BROWSERS = "tests/ui/browser/"  # each draws with a processor of its own: one after the other
+WAITS = 10  # added niceness of tests without a browser: hands that move in real time come first
 BY_HYPOTHESIS = "_hypothesis_internal_use_settings"
 
 
@@ -60,6 +63,17 @@ def pytest_collection_modifyitems(config, items):
         slow = {file_of(item.nodeid) for item in items if item.get_closest_marker("slow")}
         items.sort(key=lambda item: -known.get(f := file_of(item.nodeid), 60.0 * (f in slow)))
         items.sort(key=lambda item: not item.nodeid.startswith(BROWSERS))
+
+
+@cache
+def leave_the_processor_to_browsers():
+    """Let others go first from now on: this worker has no browser to drive."""
+    os.nice(WAITS)
+
+
+def pytest_runtest_setup(item):
+    if hasattr(item.config, "workerinput") and not item.nodeid.startswith(BROWSERS):
+        leave_the_processor_to_browsers()
 
 
 def pytest_xdist_make_scheduler(config, log):

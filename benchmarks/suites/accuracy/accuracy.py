@@ -34,14 +34,14 @@ from rona_core.evaluation.truth import truth_of
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
 
-SEEDS = range(37_000, 37_040)
+SEEDS = range(37_400, 37_440)
 NOMINAL_SEEDS = range(37_100, 37_110)
-SKULL_SEEDS = range(37_200, 37_203)
-PLACE_SEEDS = range(37_210, 37_214)  # of each of the places
+SKULL_SEEDS = range(37_440, 37_443)
+PLACE_SEEDS = range(37_450, 37_454)  # of each of the places
 # file -> middles of regions, in mm of the file
 PLACES: Mapping[str, tuple[tuple[float, float, float], ...]] = {
-    SKULLS[0]: ((333, -39, 528), (304, 59, 456), (312, 32, 525), (346, 49, 488)),
-    SKULLS[1]: ((93, 75, 176), (114, 51, 43), (139, 160, 152), (88, 29, 114)),
+    SKULLS[0]: ((289, 56, 480), (353, -25, 510), (339, -13, 531), (319, -63, 526)),
+    SKULLS[1]: ((97, 157, 173), (143, 63, 84), (130, 43, 119), (16, 93, 93)),
 }
 NEXT_SEEDS = range(37_300, 37_304)  # of patients that are scanned again in several ways
 FILES: tuple[Path, ...] = ()  # sessions with virtual devices that count among the realistic

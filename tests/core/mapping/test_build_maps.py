@@ -206,6 +206,24 @@ def test_a_cloud_counts_as_it_scatters_itself_not_as_the_map_is_off():
     assert rms(found.plate.heights(places) - dome_mm(places)) < 0.65 * rms(wave)
 
 
+def test_a_fused_map_is_less_sure_where_points_nearby_miss_it():
+    """The bone has a groove that the cloud feels, and that is too narrow for the plate."""
+    rng = np.random.default_rng(6)
+    side = np.arange(-15.0, 15.1, 1.5)
+    places = np.column_stack([axis.ravel() for axis in np.meshgrid(side, side)])
+    plate = fit_field(places, rng.normal(0.0, 0.01, len(places)))
+    touched = rng.uniform(-18.0, 18.0, (1500, 2))
+    groove = -0.4 * np.exp(-0.5 * ((touched[:, 0] - 8.0) / 0.4) ** 2)
+    heights = groove + rng.normal(0.0, 0.01, len(touched))
+    found = fuse_cloud(np.column_stack((touched, heights)), plate, 2.5, CloudPrior())
+    along = np.linspace(-10.0, 10.0, 9)
+    beside, within = (
+        found.sigmas_mm(np.column_stack((np.full(len(along), u), along))) for u in (-8.0, 8.0)
+    )
+    assert beside.min() >= np.sqrt(0.5) * found.scatter_mm  # the other of both estimates
+    assert np.median(within) > 2.0 * np.median(beside)
+
+
 def cloud_errors(points_base, skull):
     p = T_BASE_SKULL.inv() @ points_base
     return skull.outer_z(p[:, :2]) - p[:, 2]
