@@ -62,14 +62,14 @@ class FusedCloud:
     def sigmas_mm(self, places_mm: Floats) -> Floats:
         """Return what the surface is off by (m,) at places (m, 2) where the cloud alone tells.
 
-        Two estimates of one variance: how the whole cloud scatters about the map, and by how much
-        the points nearest to a place miss the surface, which follows no groove and no edge.
+        As much as the whole cloud scatters about the map, and more where the points nearest to a
+        place miss the surface by more: it follows no groove and no edge.
         """
         points = self.points_map
         off = points[:, 2] - self.plate.heights(points[:, :2])
         near = KDTree(points[:, :2]).query(places_mm, k=min(NEAREST, len(points)))[1]
         missed = np.mean(off[near.reshape(len(places_mm), -1)] ** 2, axis=1)
-        return np.sqrt(0.5 * (missed + self.scatter_mm**2))
+        return np.sqrt(np.maximum(missed, self.scatter_mm**2))
 
 
 def fuse_cloud(

@@ -34,10 +34,10 @@ from rona_core.evaluation.truth import truth_of
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
 
-SEEDS = range(37_400, 37_440)
+SEEDS = range(37_500, 37_540)
 NOMINAL_SEEDS = range(37_100, 37_110)
-SKULL_SEEDS = range(37_440, 37_443)
-PLACE_SEEDS = range(37_450, 37_454)  # of each of the places
+SKULL_SEEDS = range(37_540, 37_543)
+PLACE_SEEDS = range(37_550, 37_554)  # of each of the places
 # file -> middles of regions, in mm of the file
 PLACES: Mapping[str, tuple[tuple[float, float, float], ...]] = {
     SKULLS[0]: ((289, 56, 480), (353, -25, 510), (339, -13, 531), (319, -63, 526)),
