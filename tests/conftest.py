@@ -20,7 +20,7 @@ settings.load_profile("rona")
 MORE_EXAMPLES = int(os.environ.get("RONA_EXAMPLES", "1"))
 SECONDS = "rona/seconds_of_files"
 BROWSERS = "tests/ui/browser/"  # each draws with a processor of its own: one after the other
-WAITS = 10  # added niceness of tests without a browser: hands that move in real time come first
+ADDED_NICENESS = 10  # of tests without a browser: hands that move in real time come first
 BY_HYPOTHESIS = "_hypothesis_internal_use_settings"
 
 
@@ -68,11 +68,12 @@ def pytest_collection_modifyitems(config, items):
 @cache
 def leave_the_processor_to_browsers():
     """Let others go first from now on: this worker has no browser to drive."""
-    os.nice(WAITS)
+    os.nice(ADDED_NICENESS)
 
 
 def pytest_runtest_setup(item):
-    if hasattr(item.config, "workerinput") and not item.nodeid.startswith(BROWSERS):
+    browsers = any(other.nodeid.startswith(BROWSERS) for other in item.session.items)
+    if browsers and hasattr(item.config, "workerinput") and not item.nodeid.startswith(BROWSERS):
         leave_the_processor_to_browsers()
 
 

@@ -59,11 +59,11 @@ class FusedCloud:
     points_map: Floats  # (k, 3) of the cloud that went in, moved: one for each cell
     scatter_mm: float  # of the cloud about the map it was laid on
 
-    def sigmas_mm(self, places_mm: Floats) -> Floats:
-        """Return what the surface is off by (m,) at places (m, 2) where the cloud alone tells.
+    def cloud_sigmas_mm(self, places_mm: Floats) -> Floats:
+        """Return the standard deviation of the surface (m,) at places (m, 2) that the cloud leads.
 
         As much as the whole cloud scatters about the map, and more where the points nearest to a
-        place miss the surface by more: it follows no groove and no edge.
+        place miss the surface by more: at a groove, an edge, or where ultrasound disagrees.
         """
         points = self.points_map
         off = points[:, 2] - self.plate.heights(points[:, :2])

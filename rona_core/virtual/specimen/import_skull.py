@@ -21,7 +21,7 @@ from rona_core.virtual.specimen.imported.distance_grid import (
     distance_from_mesh,
     distance_from_volume,
     grid_about,
-    reach_mm,
+    raised,
 )
 from rona_core.virtual.specimen.imported.holder_removal import without_holder
 from rona_core.virtual.specimen.imported.imported_skull import (
@@ -119,8 +119,9 @@ def _draft(
     step: Callable[[float], None],
 ) -> LoadedSkull:
     """Return the skull with its distance field and its mesh, still without name and thickness."""
-    highest_mm = coarse.highest_mm(choice.center_skull, choice.outward_skull, reach_mm(radius_mm))
-    grid = grid_about(choice.center_skull, choice.outward_skull, radius_mm, highest_mm)
+    grid = grid_about(choice.center_skull, choice.outward_skull, radius_mm)
+    half_mm = 0.5 * grid.spacing_mm * (grid.shape[0] - 1)
+    grid = raised(grid, coarse.highest_mm(choice.center_skull, grid.axes_skull, half_mm))
     if isinstance(source, BoneMesh):
         kind, distance, smoothing_mm = "mesh", distance_from_mesh(source, grid), 0.0
     else:

@@ -207,20 +207,23 @@ def test_a_cloud_counts_as_it_scatters_itself_not_as_the_map_is_off():
 
 
 def test_a_fused_map_is_less_sure_where_points_nearby_miss_it():
-    """The bone has a groove that the cloud feels, and that is too narrow for the plate."""
+    """Beside the ultrasound the bone has a groove that is too narrow for the plate."""
     rng = np.random.default_rng(6)
     side = np.arange(-15.0, 15.1, 1.5)
     places = np.column_stack([axis.ravel() for axis in np.meshgrid(side, side)])
+    places = places[places[:, 0] < 3.0]
     plate = fit_field(places, rng.normal(0.0, 0.01, len(places)))
-    touched = rng.uniform(-18.0, 18.0, (1500, 2))
-    groove = -0.4 * np.exp(-0.5 * ((touched[:, 0] - 8.0) / 0.4) ** 2)
-    heights = groove + rng.normal(0.0, 0.01, len(touched))
+    touched = rng.uniform(-18.0, 18.0, (2500, 2))
+    groove = -0.8 * np.exp(-0.5 * ((touched[:, 0] - 10.0) / 0.4) ** 2)
+    heights = groove + rng.normal(0.0, 0.05, len(touched))
     found = fuse_cloud(np.column_stack((touched, heights)), plate, 2.5, CloudPrior())
     along = np.linspace(-10.0, 10.0, 9)
     beside, within = (
-        found.sigmas_mm(np.column_stack((np.full(len(along), u), along))) for u in (-8.0, 8.0)
+        found.cloud_sigmas_mm(np.column_stack((np.full(len(along), u), along)))
+        for u in (-8.0, 10.0)
     )
-    assert np.median(beside) == pytest.approx(found.scatter_mm)  # that of the whole cloud
+    assert found.scatter_mm > 0.03
+    assert beside.min() >= found.scatter_mm
     assert np.median(within) > 2.0 * np.median(beside)
 
 

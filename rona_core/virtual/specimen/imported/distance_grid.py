@@ -1,6 +1,6 @@
 """Signed distance to bone on a grid about the scanned disc: negative in bone, in mm."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,18 +15,19 @@ from scipy.ndimage import (
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, Vector3
 from rona_core.virtual.specimen.imported.mesh_reader import BoneMesh, distance_to, inside
+from rona_core.virtual.specimen.imported.region_choice import SMALL_PIECE
 from rona_core.virtual.specimen.imported.volume_reader import BoneVolume, pooled
 
 SPACING_MM = 0.8
 LATERAL_MM = 25.0  # beyond the radius of the disc
 ABOVE_MM, BELOW_MM = 12.0, 46.0  # the surface at the centre of the disc, at least
 AIR_MM = 6.0  # over the highest bone: rays must start outside it
+MOST_ABOVE_MM = 40.0  # bone that rises more is none that a scan comes to
 BAND_MM = 4.0  # the distance is clipped to this
 SMOOTHING_VOXELS = 1.0  # sigma of the Gaussian that removes the steps of the voxels
 MOST_LABELLED = 30_000_000  # voxels in which pieces are told apart; more are pooled for that
 MOST_CUBE_VOXELS = 8_000_000  # whose distance is taken at once, at some 30 bytes each
 MARGIN_MM = 6.0  # of the volume read around the grid
-SMALL_PIECE = 0.05  # bone pieces below this share of the largest are dropped (table, dust)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,30 +46,22 @@ class Grid:
         return self.origin_skull + places @ self.axes_skull.T
 
 
-def grid_about(
-    center_skull: Vector3, outward_skull: Vector3, radius_mm: float, highest_mm: float = 0.0
-) -> Grid:
-    """Return the grid that holds whatever a scan of a disc can touch; its third axis is outward.
-
-    Args:
-        center_skull: Of the disc (3,), on the outer surface.
-        outward_skull: Unit vector (3,).
-        radius_mm: Of the disc.
-        highest_mm: How far bone about the disc rises above it; see `reach_mm`.
-    """
+def grid_about(center_skull: Vector3, outward_skull: Vector3, radius_mm: float) -> Grid:
+    """Return the grid that holds whatever a scan of a disc can touch; its third axis is outward."""
     across: Floats = np.linalg.svd(outward_skull[None])[2][1:]
     axes: Any = np.stack((across[0], np.cross(outward_skull, across[0]), outward_skull), axis=1)
     n = 2 * int(np.ceil((radius_mm + LATERAL_MM) / SPACING_MM)) + 1
-    above_mm = max(ABOVE_MM, highest_mm + AIR_MM)
-    below, above = int(np.ceil(BELOW_MM / SPACING_MM)), int(np.ceil(above_mm / SPACING_MM))
+    below, above = int(np.ceil(BELOW_MM / SPACING_MM)), int(np.ceil(ABOVE_MM / SPACING_MM))
     start = np.array(((n - 1) / 2, (n - 1) / 2, below))
     origin = center_skull - SPACING_MM * axes @ start
     return Grid(origin, axes, SPACING_MM, (n, n, below + above + 1))
 
 
-def reach_mm(radius_mm: float) -> float:
-    """Return how far from its axis the grid about a disc reaches, in its corners."""
-    return float(np.sqrt(2.0)) * (radius_mm + LATERAL_MM)
+def raised(grid: Grid, highest_mm: float) -> Grid:
+    """Return a grid that reaches over bone so far above the centre of its disc, within limits."""
+    layers = int(np.ceil((min(highest_mm, MOST_ABOVE_MM) + AIR_MM - ABOVE_MM) / SPACING_MM))
+    nx, ny, nz = grid.shape
+    return replace(grid, shape=(nx, ny, nz + max(layers, 0)))
 
 
 def distance_from_volume(bone: BoneVolume, grid: Grid) -> tuple[Floats, float]:

@@ -31,6 +31,7 @@ SKIN_MM = 0.2  # walked beyond a boundary before the next is looked for
 EDGE_MM = 8.0  # between the disc and the side of the grid
 OFF_SURFACE_MM = 3.0  # a chosen centre farther outside the bone than this is refused,
 WITHIN_MM = 15.0  # or farther within it, below the outer surface
+LOOK_FROM_MM = 14.0  # above it; what lies over that (an arch, a holder) is another surface
 NORMAL_PATCH_MM = 10.0  # radius over which the normal of the region is averaged
 SHEET_NODES = 1.0  # pitch of the columns that sample the boundaries, in nodes
 
@@ -161,7 +162,7 @@ class LoadedSpecimen:
                 f"a disc of {radius_mm:g} mm about {center.round(1).tolist()} leaves the stored "
                 f"part of {skull.name}: load it again with this centre and radius"
             )
-        top = center + (edges[2] - place[2]) * axes[:, 2]
+        top = center + min(edges[2] - place[2], LOOK_FROM_MM) * axes[:, 2]
         depth = self._first(top[None], -axes[:, 2][None])[0]
         found = top - depth * axes[:, 2] if np.isfinite(depth) else center
         above = float((center - found) @ axes[:, 2])  # the surface

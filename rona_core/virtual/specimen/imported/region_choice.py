@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import binary_closing, gaussian_filter
+from scipy.ndimage import binary_closing, gaussian_filter, label
 
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, Vector3
 
+SMALL_PIECE = 0.05  # bone pieces below this share of the largest do not count (table, dust)
 GAP_MM = 6.0  # air between bone (diploe, air cells) that counts as bone
 WORK_MM = 1.0
 ROWS = 32  # looked through at once
@@ -34,16 +35,23 @@ class CoarseBone:
     voxel_mm: Floats  # (3,)
     back: int  # +1 if y grows to the back, -1 to the front, 0 unknown
 
-    def highest_mm(self, center_skull: Vector3, outward_skull: Vector3, reach_mm: float) -> float:
-        """Return how far bone within a reach of the axis through a point rises above that point."""
-        highest = -np.inf
-        for i, layer in enumerate(self.mask):  # layer by layer, to spare memory
-            j, k = np.nonzero(layer)
+    def highest_mm(self, center_skull: Vector3, axes_skull: Floats, half_mm: float) -> float:
+        """Return how far bone rises above a point, along the third of the axes (3, 3).
+
+        Within half the width of a square along the other two. Small pieces do not count.
+        """
+        pieces = np.zeros(self.mask.shape, dtype=np.int32)
+        label(self.mask, output=pieces)
+        sizes = np.bincount(pieces.ravel())
+        sizes[0] = 0
+        large = sizes >= SMALL_PIECE * sizes.max(initial=1)
+        highest = 0.0
+        for i, layer in enumerate(pieces):  # layer by layer, to spare memory
+            j, k = np.nonzero(large[layer] & (layer > 0))
             voxels = np.stack((np.full(len(j), i), j, k), axis=1) * self.voxel_mm
-            off = voxels + self.origin_skull - center_skull
-            heights = off @ outward_skull
-            near = (off**2).sum(axis=1) - heights**2 <= reach_mm**2
-            highest = max(highest, float(heights[near].max(initial=-np.inf)))
+            u, v, w = ((voxels + self.origin_skull - center_skull) @ axes_skull).T
+            inside = (np.abs(u) <= half_mm) & (np.abs(v) <= half_mm)
+            highest = max(highest, float(w[inside].max(initial=0.0)))
         return highest
 
 

@@ -298,23 +298,49 @@ def test_a_simulated_skull_saved_as_a_mesh_keeps_its_thickness(tmp_path):
     assert np.abs(error).max() < 0.4
 
 
-def test_bone_that_rises_beside_the_disc_is_felt_where_it_is(tmp_path):
-    side = np.arange(-95.0, 96.0)
-    x, y, z = np.meshgrid(side, side, side, indexing="ij")
-    r, hill_mm = np.sqrt(x**2 + y**2 + z**2), 15.0
-    top = np.array((32.0, 0.0, 74.0))  # middle of a ball that stands on the shell
-    hill = (x - top[0]) ** 2 + (y - top[1]) ** 2 + (z - top[2]) ** 2 <= hill_mm**2
-    affine = np.diag((1.0, 1.0, 1.0, 1.0))
+def capped_shell(folder, name, above):
+    """Return a file with a hollow ball about 0, and more bone outside it."""
+    side = np.arange(-115.0, 116.0)
+    points = np.stack(np.meshgrid(side, side, side, indexing="ij"), axis=-1).astype(np.float32)
+    r = np.linalg.norm(points, axis=-1)
+    bone = ((r <= OUTER_MM) & (r >= INNER_MM)) | above(points)
+    affine = np.eye(4)
     affine[:3, 3] = side[0]
-    shell = ((r <= OUTER_MM) & (r >= INNER_MM)) | hill
-    nibabel.save(nibabel.Nifti1Image(shell.astype(np.uint8), affine), tmp_path / "hill.nii.gz")
-    skull = import_skull(tmp_path / "hill.nii.gz", center=(0.0, 0.0, OUTER_MM), radius_mm=12.0)
+    nibabel.save(nibabel.Nifti1Image(bone.astype(np.uint8), affine), folder / name)
+    return import_skull(folder / name, center=(0.0, 0.0, OUTER_MM), radius_mm=12.0)
+
+
+def test_bone_that_rises_beside_the_disc_is_felt_where_it_is(tmp_path):
+    top, hill_mm = np.array((32.0, 0.0, 74.0)), 15.0  # a ball that stands on the shell
+    skull = capped_shell(
+        tmp_path, "hill.nii.gz", lambda at: np.linalg.norm(at - top, axis=-1) <= hill_mm
+    )
     specimen = LoadedSpecimen(skull, radius_mm=12.0)
     above = top + np.array([(0.0, 0.0, 40.0), (-6.0, 0.0, 40.0), (0.0, 6.0, 40.0)])
     t = specimen.ray(above, np.repeat([(0.0, 0.0, -1.0)], len(above), axis=0))
     felt = above - t[:, None] * np.array((0.0, 0.0, 1.0))
     np.testing.assert_allclose(np.linalg.norm(felt - top, axis=1), hill_mm, atol=0.5)
     assert np.linalg.norm(specimen.closest(felt) - felt, axis=1).max() < 0.02
+
+
+def test_bone_high_above_the_disc_is_not_its_surface_and_dust_takes_no_room(tmp_path):
+    def plate(at):
+        return (
+            (np.abs(at[..., 0]) < 25.0)
+            & (np.abs(at[..., 1]) < 25.0)
+            & (np.abs(at[..., 2] - 98) < 8)
+        )
+
+    def speck(at):
+        return np.linalg.norm(at - np.array((5.0, 5.0, 105.0)), axis=-1) <= 3.0
+
+    arched = capped_shell(tmp_path, "plate.nii.gz", plate)
+    dusty = capped_shell(tmp_path, "speck.nii.gz", speck)
+    for skull in (arched, dusty):
+        np.testing.assert_allclose(skull.center_skull, (0.0, 0.0, OUTER_MM), atol=0.5)
+        assert skull.mean_thickness_mm == pytest.approx(OUTER_MM - INNER_MM, abs=0.3)
+    low, high = dusty.distance_um.shape[2], arched.distance_um.shape[2]
+    assert (high - low) * arched.spacing_mm == pytest.approx(106.0 - OUTER_MM + 6.0 - 12.0, abs=2.0)
 
 
 def slanted_shell(voxel_mm, axes):

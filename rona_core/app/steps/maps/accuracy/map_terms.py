@@ -208,8 +208,9 @@ def _fused_terms(
 ) -> tuple[ErrorTerm, ...]:
     """Return the terms of the fused boundary, given those of the ultrasound's.
 
-    It follows what A-scans err by as far as they count beside the cloud, and the cloud for the
-    rest. What the whole map errs by stays: the cloud was laid on it.
+    It follows what A-scans err by as far as they count beside the cloud, and for the rest the
+    cloud, by its scatter and by what it misses nearby. What the whole map errs by stays: the cloud
+    was laid on it.
     """
     joined = _joined(maps, plate, cloud)
     if joined is None:
@@ -224,7 +225,7 @@ def _fused_terms(
         for term in outer
         if term.cause != INTERPOLATION
     ]
-    felt = joined.sigmas_mm(places).reshape(shape)
+    felt = joined.cloud_sigmas_mm(places).reshape(shape)
     touched = ErrorTerm(CLOUD, own_mm=(1.0 - share) * felt, reach_mm=PATCH_MM / 2.0)
     return (*kept, between, touched)
 
