@@ -2,7 +2,7 @@
 
 Whole procedures of seeds of the realistic and of the nominal world, and of two real skulls where
 they are there: at the place that RONA chooses, whose bone was looked at when constants were chosen,
-and at four other places each, chosen without a look at their figures; discs on one skull overlap with
+and at four other places each, chosen without a look at their figures; discs on skull C overlap with
 places that were looked at before. With the seeds nothing was tuned.
 """
 
