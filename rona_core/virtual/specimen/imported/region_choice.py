@@ -38,18 +38,25 @@ class CoarseBone:
     def highest_mm(self, center_skull: Vector3, axes_skull: Floats, half_mm: float) -> float:
         """Return how far bone rises above a point, along the third of the axes (3, 3).
 
-        Within half the width of a square along the other two. Small pieces do not count.
+        Within half the width of a square along the other two, and no farther off than the corners
+        of the cube on it. Small pieces do not count.
         """
-        pieces = np.zeros(self.mask.shape, dtype=np.int32)
-        label(self.mask, output=pieces)
-        sizes = np.bincount(pieces.ravel())
+        place, reach = center_skull - self.origin_skull, np.sqrt(3.0) * half_mm
+        first = np.clip((place - reach) // self.voxel_mm, 0, None).astype(np.int64)
+        end = np.clip((place + reach) // self.voxel_mm + 1, 0, None).astype(np.int64)
+        near = self.mask[tuple(slice(a, b) for a, b in zip(first, end, strict=True))]
+        pieces = np.zeros(near.shape, dtype=np.int32)
+        label(near, output=pieces)
+        sizes = np.zeros(int(pieces.max(initial=0)) + 1, dtype=np.int64)
+        for layer in pieces:
+            sizes += np.bincount(layer.ravel(), minlength=len(sizes))
         sizes[0] = 0
         large = sizes >= SMALL_PIECE * sizes.max(initial=1)
         highest = 0.0
         for i, layer in enumerate(pieces):  # layer by layer, to spare memory
             j, k = np.nonzero(large[layer] & (layer > 0))
-            voxels = np.stack((np.full(len(j), i), j, k), axis=1) * self.voxel_mm
-            u, v, w = ((voxels + self.origin_skull - center_skull) @ axes_skull).T
+            voxels = first + np.stack((np.full(len(j), i), j, k), axis=1)
+            u, v, w = ((voxels * self.voxel_mm - place) @ axes_skull).T
             inside = (np.abs(u) <= half_mm) & (np.abs(v) <= half_mm)
             highest = max(highest, float(w[inside].max(initial=0.0)))
         return highest
