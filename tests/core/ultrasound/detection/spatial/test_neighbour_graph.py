@@ -26,7 +26,8 @@ def places(seed, n=40, size_mm=12.0):
 def test_each_source_is_the_nearest_one_in_its_sector(seed):
     p = places(seed)
     links = scan_links(p, len(p))
-    apart = np.linalg.norm(p[:, None] - p[None], axis=2)
+    flat = (p - p.mean(axis=0)) @ plane_axes(p)[:, :2]
+    apart = np.linalg.norm(flat[:, None] - flat[None], axis=2)
     for i in range(len(p)):
         heard = links.sources[:, i][links.sources[:, i] >= 0]
         within = np.flatnonzero((apart[i] < REACH_MM - 0.1) & (apart[i] > 0.01))
@@ -34,7 +35,6 @@ def test_each_source_is_the_nearest_one_in_its_sector(seed):
             assert within[np.argmin(apart[i][within])] in heard
     far = links.apart_mm[links.sources >= 0]
     assert far.max() <= REACH_MM
-    flat = (p - p.mean(axis=0)) @ plane_axes(p)[:, :2]
     x, y = np.moveaxis(flat[links.sources] - flat, -1, 0)
     angle = np.arctan2(y, x)
     travel = (angle + np.pi) * DIRECTIONS / (2 * np.pi)
