@@ -9,7 +9,7 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,6 @@ REPOSITORY = Path(__file__).resolve().parents[3]
 CHROMIUM = Path(os.environ.get("RONA_CHROMIUM", "/usr/bin/chromium"))
 TOKEN = "token-of-the-browser-test"
 PATIENCE_S = 120.0  # how long anything may take on the slowest machine: a claim of speed says so
-CLICK_AGAIN_MS = 20_000.0
 PAUSE_S = 0.6  # longer than a dragged field takes to settle
 STEPS = (
     "Set-up",
@@ -93,11 +92,6 @@ NODES = """() => {
 }"""
 
 
-def sync_api() -> Any:
-    """Return the module that drives browsers, which need not be there."""
-    return pytest.importorskip("playwright.sync_api")
-
-
 def free_port() -> int:
     """Return a port that nobody listens on."""
     with socket.socket() as probe:
@@ -115,7 +109,7 @@ def running_browser() -> Iterator[Any]:
         if os.environ.get("CI"):
             pytest.fail(reason)
         pytest.skip(reason)
-    playwright = sync_api()
+    playwright = pytest.importorskip("playwright.sync_api")
     flags = (*FLAGS, *DRAWN_BY[os.environ.get("RONA_E2E_GL", "mesa")])
     with playwright.sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=CHROMIUM, args=list(flags))
@@ -247,18 +241,10 @@ class Surgeon:
         return words.locator(beside).first
 
     def open_step(self, name: str) -> None:
-        """Click a step of the list, and once more if nothing came of it, as a person would.
-
-        The list may be drawn anew between press and release: then the page takes no click.
-        """
+        """Click a step of the list."""
         title = f"Step {STEPS.index(name) + 1}: {name}"
-        shown = self.frame.locator(".r-title").get_by_text(title, exact=True)
         self.button(title).click()
-        with suppress(sync_api().TimeoutError):
-            shown.wait_for(timeout=CLICK_AGAIN_MS)
-            return
-        self.button(title).click()
-        shown.wait_for()
+        self.frame.locator(".r-title").get_by_text(title, exact=True).wait_for()
 
     def menu(self, name: str, entry: str | None = None) -> None:
         """Open a menu of the tool bar, and click an entry by the beginning of its words."""

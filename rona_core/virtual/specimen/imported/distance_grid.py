@@ -8,14 +8,13 @@ from numpy.typing import NDArray
 from scipy.ndimage import (
     distance_transform_edt,
     gaussian_filter,
-    label,
     map_coordinates,
 )
 
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, Vector3
 from rona_core.virtual.specimen.imported.mesh_reader import BoneMesh, distance_to, inside
-from rona_core.virtual.specimen.imported.region_choice import SMALL_PIECE
+from rona_core.virtual.specimen.imported.region_choice import large_pieces
 from rona_core.virtual.specimen.imported.volume_reader import BoneVolume, pooled
 
 SPACING_MM = 0.8
@@ -134,12 +133,9 @@ def _large_pieces(bone: BoneVolume, low: Ints, high: Ints) -> _LargePieces:
     block = bone.mask[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
     edge = max(edge, 1)
     solid = block if edge == 1 else pooled(block, np.full(3, edge))
-    pieces = np.zeros(solid.shape, dtype=np.int32)
-    if not solid.size or not label(solid, output=pieces):
+    if not solid.any():
         raise InvalidInputError("there is no bone near the chosen centre: choose another")
-    sizes = np.bincount(pieces.ravel())
-    sizes[0] = 0
-    return _LargePieces((sizes >= SMALL_PIECE * sizes.max())[pieces], edge, low)
+    return _LargePieces(large_pieces(solid), edge, low)
 
 
 def _distance_at(bone: BoneVolume, large: _LargePieces, places: Floats) -> Floats:

@@ -44,22 +44,20 @@ class CoarseBone:
         place, reach = center_skull - self.origin_skull, np.sqrt(3.0) * half_mm
         first = np.clip((place - reach) // self.voxel_mm, 0, None).astype(np.int64)
         end = np.clip((place + reach) // self.voxel_mm + 1, 0, None).astype(np.int64)
-        near = self.mask[tuple(slice(a, b) for a, b in zip(first, end, strict=True))]
-        pieces = np.zeros(near.shape, dtype=np.int32)
-        label(near, output=pieces)
-        sizes = np.zeros(int(pieces.max(initial=0)) + 1, dtype=np.int64)
-        for layer in pieces:
-            sizes += np.bincount(layer.ravel(), minlength=len(sizes))
-        sizes[0] = 0
-        large = sizes >= SMALL_PIECE * sizes.max(initial=1)
-        highest = 0.0
-        for i, layer in enumerate(pieces):  # layer by layer, to spare memory
-            j, k = np.nonzero(large[layer] & (layer > 0))
-            voxels = first + np.stack((np.full(len(j), i), j, k), axis=1)
-            u, v, w = ((voxels * self.voxel_mm - place) @ axes_skull).T
-            inside = (np.abs(u) <= half_mm) & (np.abs(v) <= half_mm)
-            highest = max(highest, float(w[inside].max(initial=0.0)))
-        return highest
+        box = self.mask[tuple(slice(a, b) for a, b in zip(first, end, strict=True))]
+        voxels = first + np.argwhere(large_pieces(box))
+        u, v, w = ((voxels * self.voxel_mm - place) @ axes_skull).T
+        inside = (np.abs(u) <= half_mm) & (np.abs(v) <= half_mm)
+        return float(w[inside].max(initial=0.0))
+
+
+def large_pieces(mask: Bools) -> Bools:
+    """Return which voxels of a mask belong to a piece that is not small beside the largest."""
+    pieces = np.zeros(mask.shape, dtype=np.int32)
+    label(mask, output=pieces)
+    sizes = np.bincount(pieces.ravel(), minlength=1)
+    sizes[:1] = 0
+    return (sizes >= np.maximum(SMALL_PIECE * sizes.max(), 1.0))[pieces]
 
 
 def coarse_bone(mask: Bools, T_skull_voxel: Floats, back: int) -> CoarseBone:
