@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
 from scipy.spatial import KDTree
 
 from rona_core.geometry.arrays import Floats, readonly
@@ -33,12 +32,14 @@ class ScanPostures:
 
 
 def scan_postures(session: "Session") -> ScanPostures | None:
-    """Return the postures of all passes of a scan; None before a scan."""
-    model = robot_model(session.setup.devices.robot.model)
-    passes = (session.captures.scan, *session.captures.second)
-    qs = [scan.joints.at(scan.scans.times_s) for scan in passes if scan is not None]
-    if not qs or not sum(map(len, qs)):
+    """Return the postures of the first pass of a scan; None before one.
+
+    The robot comes back to a place as it came there first: a further pass may have had another
+    posture, and what that does to the maps is their error.
+    """
+    model, scan = robot_model(session.setup.devices.robot.model), session.captures.scan
+    if scan is None or not len(scan.scans.times_s):
         return None
-    qs_rad = np.concatenate(qs)
+    qs_rad = scan.joints.at(scan.scans.times_s)
     faces = (model.forward(qs_rad) @ model.T_flange_probe).translations
     return ScanPostures(faces, qs_rad)

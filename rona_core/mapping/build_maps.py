@@ -14,6 +14,7 @@ from rona_core.mapping.cloud_fusion import CloudPrior, fuse_cloud
 from rona_core.mapping.fitting.hampel_filter import agreeing
 from rona_core.mapping.fitting.plate_field import PlateField, fit_field, plate_through
 from rona_core.mapping.map_grid import NEAR_MM, MapGrid
+from rona_core.mapping.scanned_area import require_area, require_share
 from rona_core.ultrasound.detection.detect import Detection
 from rona_core.ultrasound.detection.single.matched_filter import block_template
 from rona_core.ultrasound.probe.beam import probe_beam
@@ -141,11 +142,15 @@ def build_outer_maps(
     It does not depend on the speed of sound, nor on a second pass. ``prior`` says how far off the
     cloud as a whole may be.
     """
+    probe = probe or probe_model(found.detection.probe)
     T_base_map, late_mm = _curvature(found, probe)
     correction_mm = late_mm * found.Ts_base_probe.rotations[:, :, 2]
     points_base = found.points()[0] - correction_mm
     points_map = T_base_map.inv() @ points_base
     used = _agreeing_among(found.detection.outer_ok, points_map)
+    axes_base = found.Ts_base_probe.rotations[used, :, 2]
+    require_area(points_base[used], axes_base, 2.0 * probe.aperture_radius_mm)
+    require_share(used)
     used_map = T_base_map.inv() @ points_base[used]  # to the last bit as who has only those
     grid = MapGrid(T_base_map, used_map, cell_mm)
     _pause(progress, 0.2, cancel)
@@ -192,7 +197,7 @@ def add_inner_map(
     )
 
 
-def _curvature(found: LocatedDetection, probe: ProbeModel | None) -> tuple[Pose, float]:
+def _curvature(found: LocatedDetection, probe: ProbeModel) -> tuple[Pose, float]:
     """Return the frame of the maps, and by how much curvature makes front echoes late (mm)."""
     axes_base = found.Ts_base_probe.rotations[:, :, 2]
     outer_base = found.points()[0]
@@ -205,7 +210,7 @@ def _curvature(found: LocatedDetection, probe: ProbeModel | None) -> tuple[Pose,
     T_base_map = map_frame(outer_base[usable], axes_base[usable])
     outer_map = T_base_map.inv() @ outer_base
     curvature = mean_curvature_per_mm(outer_map[_agreeing_among(usable, outer_map)])
-    return T_base_map, lateness_mm(probe or probe_model(found.detection.probe), curvature)
+    return T_base_map, lateness_mm(probe, curvature)
 
 
 def boundary_points(detection: Detection, Ts_base_probe: Poses) -> tuple[Floats, Floats]:

@@ -7,10 +7,19 @@ alike: most of the error is common to a small region, and less where the arm is 
 
 import numpy as np
 
-from rona_core.geometry.arrays import Floats
+from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.pose import Pose
 from rona_core.geometry.pose_covariance import cross_matrices
+from rona_core.robot.kinematics.arm import wrapped
 from rona_core.robot.kinematics.robot_model import RobotModel
+
+ALIKE_RAD = np.deg2rad(45.0)  # no joint of postures that are alike differs by more
+
+
+def alike(qs_rad: Floats, others_rad: Floats) -> Bools:
+    """Return where two postures (..., 6) are so much alike that errors of the links are, too."""
+    apart: Floats = np.abs(wrapped(qs_rad - others_rad)).max(axis=-1)
+    return apart <= ALIKE_RAD
 
 
 def link_errors(

@@ -13,6 +13,7 @@ from rona_core.geometry.path5d import Path5D, resample_path
 from rona_core.robot.collision.collision_world import CollisionWorld
 from rona_core.robot.collision.edge_check import Clear
 from rona_core.robot.collision.obstacles import Obstacles
+from rona_core.robot.kinematics.link_errors import alike
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.planning.plan import RobotPlan
 from rona_core.robot.redundancy.collision_filter import no_way, remove_blocked_rolls, remove_rolls
@@ -50,6 +51,7 @@ class PlanSettings:
     margin_limits: MarginLimits = field(default_factory=MarginLimits)
     scan: ScanSettings = field(default_factory=ScanSettings)
     obstacles: Obstacles | None = None  # None: no collisions are checked
+    posture_rad: tuple[float, ...] | None = None  # constant rolls near these joints are tried first
 
     def __post_init__(self) -> None:
         require(
@@ -219,11 +221,20 @@ def _candidates(
     evaluation: RollEvaluation, planner: _MotionPlanner, progress: Progress, cancel: Cancel
 ) -> Iterator[RobotPlan]:
     """Yield plans with constant rolls, then one with a varying roll or none, as the mode says."""
-    if planner.settings.mode != "variable":
+    settings = planner.settings
+    if settings.mode != "variable":
+        if settings.posture_rad is not None:
+            near = _in_posture(evaluation, np.array(settings.posture_rad))
+            yield from constant_candidates(
+                near,
+                lambda _, index, branch: planner.constant(evaluation.search(), index, branch),
+                settings.choice,
+                progress,
+            )
         evaluation = yield from constant_candidates(
-            evaluation, planner.constant, planner.settings.choice, progress
+            evaluation, planner.constant, settings.choice, progress
         )
-    if planner.settings.mode == "constant":
+    if settings.mode == "constant":
         yield RobotPlan(planner.model.name, evaluation.search())
     else:
         yield planner.variable(
@@ -231,6 +242,20 @@ def _candidates(
             lambda share: progress(TRIED_SHARE + (1.0 - TRIED_SHARE) * share),
             cancel,
         )
+
+
+def _in_posture(evaluation: RollEvaluation, posture_rad: Floats) -> RollEvaluation:
+    """Return the rolls, on those branches alone that follow the path near a posture (6,)."""
+    curves = {
+        (pair.index, pair.branch): evaluation.rolls.on_branch(pair.index, pair.branch).qs_rad
+        for pair in evaluation.ranked
+    }
+    away = {
+        pair: lambda: (START, no_way("the posture is another one"))
+        for pair, curve in curves.items()
+        if not alike(np.median(curve, axis=1), posture_rad)
+    }
+    return remove_rolls(evaluation, away)
 
 
 def constant_candidates(

@@ -1,6 +1,8 @@
 """Boundary detection and maps, and the plan of a further pass over the gaps."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from rona_core.app.declarations.declarations import Arguments
 from rona_core.app.dependencies.inputs import require_result
@@ -18,7 +20,7 @@ from rona_core.app.steps.maps.messages import StartGapPlan, StartMapping
 from rona_core.app.steps.path.painting import allowed_in_patch, require_none_avoided
 from rona_core.app.steps.roll.derivation import plan_settings
 from rona_core.app.steps.roll.messages import StartRollSearch
-from rona_core.app.steps.scan.probe_poses import probe_poses_of
+from rona_core.app.steps.scan.probe_poses import probe_poses_of, probe_postures_of
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.devices.samples import AScanTrack
 from rona_core.errors import StepBlockedError
@@ -221,11 +223,19 @@ def maps_so_far(session: Session, *, progress: Progress = silent, cancel: Cancel
 def plan_further_pass(
     session: Session, way: SecondPassPath, *, progress: Progress, cancel: Cancel
 ) -> SecondPass:
-    """Return a pass along a way, timed and verified for the robot."""
+    """Return a pass along a way, timed and verified for the robot.
+
+    In the posture of the scan where there is a way: in another one the links of the robot err
+    otherwise, so that what the passes find would not fit together.
+    """
+    settings, scanned = plan_settings(session, StartRollSearch()), probe_postures_of(session)
+    if scanned is not None and len(scanned.qs_rad):
+        posture = tuple(np.median(scanned.qs_rad, axis=0).tolist())
+        settings = replace(settings, posture_rad=posture)
     plan = plan_scan(
         way.path,
         robot_model(session.setup.devices.robot.model),
-        plan_settings(session, StartRollSearch()),
+        settings,
         progress=progress,
         cancel=cancel,
     )

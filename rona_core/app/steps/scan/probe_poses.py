@@ -58,16 +58,19 @@ class ProbePostures:
     qs_rad: Floats
 
 
-def probe_postures_of(session: Session) -> ProbePostures | None:
-    """Return the joint angles at the A-scans of the first pass; None before a scan."""
-    capture = session.captures.scan
+def probe_postures_of(session: Session, taken: ScanCapture | None = None) -> ProbePostures | None:
+    """Return the joint angles at the A-scans of a pass, by default the first; None before a scan.
+
+    Arguments as of ``probe_poses_of``.
+    """
+    capture = session.captures.scan if taken is None else taken
     if capture is None:
         return None
     delay = pose_delay(session)
     return _postures(capture, 0.0 if delay is None else delay.delay_s)
 
 
-@remember(2)
+@remember(16)
 def _postures(capture: ScanCapture, delay_s: float) -> ProbePostures:
     return ProbePostures(readonly(capture.joints.at(capture.scans.times_s + delay_s)))
 

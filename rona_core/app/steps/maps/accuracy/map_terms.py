@@ -199,6 +199,7 @@ def _terms(
             remedy=POINTS,
             reach_mm=LOCAL_LENGTH_MM,
         ),
+        *place.between_passes(maps),
     )
     return MapTerms(of_place, front, unheard, rough, fused, depth)
 

@@ -1,6 +1,6 @@
 """How sure it is where the probe was, and where the cloud: robot, holder, line, tracker."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -8,16 +8,17 @@ from scipy.spatial import KDTree
 from rona_core.app.dependencies.head_reference import HeadWatch, watch_head
 from rona_core.app.steps.acoustics.derivation import usable_line
 from rona_core.app.steps.maps.accuracy.error_terms import ErrorTerm
+from rona_core.app.steps.maps.further_passes import usable_second
 from rona_core.app.steps.scan.probe_mounting import known_mounting
 from rona_core.app.steps.scan.probe_poses import ProbePostures, probe_postures_of
 from rona_core.app.steps.tool.derivation import ROBOT_ACCURACY_MM
 from rona_core.calibration.timing.robot_latency import BREATH_MM
 from rona_core.devices.tracker_volumes import ACCURACY_MM
 from rona_core.geometry.arrays import Bools, Floats
-from rona_core.mapping.boundary_map import Maps
+from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.mapping.cloud_fusion import CloudPrior
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.robot.kinematics.link_errors import tip_sensitivities
+from rona_core.robot.kinematics.link_errors import alike, tip_sensitivities
 from rona_core.session.document import Session
 from rona_core.session.memo import remember
 from rona_core.ultrasound.acoustic_calibration.delay_line import NOMINAL_PER_K
@@ -38,6 +39,7 @@ COUPLING_MM = 0.01  # film and speed of the gel under the face
 WIDE_MM = 30.0  # what changes evenly over a whole map hangs together so far
 TURN_ARM_MM = 100.0  # what errs by a millimetre over a shorter way turns a cloud by more
 GAUGE = "record the probe on the gauge plate (step 8)"
+OTHER_POSTURE = "another posture in a further pass"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,12 +49,19 @@ class ProbePlace:
     terms: tuple[ErrorTerm, ...]  # the same in all cells
     model: str | None = None  # of the robot; None: a hand
     qs_rad: Floats | None = None  # (n, 6) postures of the first pass
+    further_rad: Floats | None = None  # (m, 6) those of further passes
 
     def of_cells(self, maps: Maps) -> tuple[ErrorTerm, ...]:
         """Return the terms over the grid of maps."""
         if self.model is None or self.qs_rad is None:
             return self.terms
         return (*self.terms, _links(self.model, self.qs_rad, maps))
+
+    def between_passes(self, maps: Maps) -> tuple[ErrorTerm, ...]:
+        """Return what the inner boundary errs by where a further pass had another posture."""
+        if self.model is None or self.qs_rad is None or self.further_rad is None:
+            return ()
+        return _between_passes(self.model, self.qs_rad, self.further_rad, maps)
 
 
 def robot_place(session: Session) -> ProbePlace:
@@ -61,7 +70,7 @@ def robot_place(session: Session) -> ProbePlace:
     sigma_us = None if line is None else line.at(devices.probe.line_temperature_c)[1]
     return _robot_place(
         devices.robot.model,
-        probe_postures_of(session),
+        tuple(probe_postures_of(session, taken) for taken in (None, *usable_second(session))),
         probe_model(devices.probe),
         known_mounting(session),
         sigma_us,
@@ -72,13 +81,22 @@ def robot_place(session: Session) -> ProbePlace:
 @remember(4)  # every browser asks, and the place stands for the maps' accuracy
 def _robot_place(
     robot: str,
-    postures: ProbePostures | None,
+    postures: tuple[ProbePostures | None, ...],
     probe: ProbeModel,
     mounting: ProbeMounting | None,
     line_sigma_us: float | None,
     watch: HeadWatch | None,
 ) -> ProbePlace:
-    """Return the place of a probe; ``line_sigma_us`` is that of a line calibrated on the block."""
+    """Return the place of a probe.
+
+    Args:
+        robot: Its model.
+        postures: Of the first pass and of further ones.
+        probe: As it is known.
+        mounting: Found on the gauge plate.
+        line_sigma_us: Of a line that was calibrated on the block.
+        watch: Of the head during the first pass.
+    """
     # a late echo of the face counts as a longer way through the gel
     mm_per_us = GEL.speed_mm_per_us / 2.0
     mm_per_k = probe.line_delay_us * NOMINAL_PER_K * mm_per_us
@@ -103,7 +121,9 @@ def _robot_place(
         seat,
         line,
     )
-    return ProbePlace(terms, robot, None if postures is None else postures.qs_rad)
+    first, *further = (None if one is None else one.qs_rad for one in postures)
+    known = [qs_rad for qs_rad in further if qs_rad is not None]
+    return ProbePlace(terms, robot, first, np.concatenate(known) if known else None)
 
 
 def repeatability_mm(robot: str) -> float:
@@ -165,24 +185,49 @@ def _hand_place(sigmas_mm: tuple[tuple[str, float], ...]) -> ProbePlace:
     )
 
 
-def _links(name: str, qs_rad: Floats, maps: Maps) -> ErrorTerm:
-    """Return what the links of the robot do to the cells of a map, posture by posture."""
-    boundary = maps.outer
+def _between_passes(
+    name: str, first_rad: Floats, further_rad: Floats, maps: Maps
+) -> tuple[ErrorTerm, ...]:
+    """Return what other errors of the links do to cells that a further pass tells of.
+
+    Nothing where its postures are like those of the first pass next to it.
+    """
+    n, T_map_base = len(first_rad), maps.outer.T_base_map.inv()
+    points = (T_map_base @ maps.outer_points_base)[:, :2]
+    if len(points) != n + len(further_rad):
+        return ()
+    beside_rad = first_rad[KDTree(points[:n]).query(points[n:])[1]]
+    used, turned = maps.inner_used, np.zeros(len(points), dtype=np.bool_)
+    turned[n:] = ~alike(further_rad, beside_rad)
+    if not (used & turned).any():
+        return ()
+    model, m = robot_model(name), len(further_rad)
+    axes = (model.forward(further_rad) @ model.T_flange_probe).rotations[:, :, 2]
+    both = np.concatenate((further_rad, beside_rad)), -np.tile(axes, (2, 1))
+    rows = tip_sensitivities(model, *both, ROBOT_ACCURACY_MM)
+    errs = np.zeros((len(points), rows.shape[1]))
+    errs[n:][turned[n:]] = (rows[:m] - rows[m:])[turned[n:]]
+    return (_posture_term(OTHER_POSTURE, errs[used], points[used], maps.inner, "scan them again"),)
+
+
+def _posture_term(
+    cause: str, rows: Floats, places: Floats, boundary: BoundaryMap, remedy: str
+) -> ErrorTerm:
+    """Return what link errors do to the cells of a map, given by rows (n, k) at places (n, 2)."""
     u, v = np.meshgrid(boundary.u_mm, boundary.v_mm, indexing="ij")
-    cells = np.column_stack((u.ravel(), v.ravel(), boundary.height_mm.ravel()))
-    points = boundary.T_base_map.inv() @ maps.outer_points_base[: len(qs_rad)]
-    nearest = KDTree(points[:, :2]).query(cells[:, :2])[1]
-    model = robot_model(name)
-    axes = (model.forward(qs_rad) @ model.T_flange_probe).rotations[:, :, 2]
-    rows = tip_sensitivities(model, qs_rad, -axes, ROBOT_ACCURACY_MM)[nearest]
+    rows = rows[KDTree(places).query(np.column_stack((u.ravel(), v.ravel())))[1]]
     ok: Bools = boundary.ok.ravel()
     middle = rows[ok].mean(axis=0) if ok.any() else rows.mean(axis=0)
     own = np.linalg.norm(rows - middle, axis=1).reshape(boundary.ok.shape)
-    return ErrorTerm(
-        "links of the robot",
-        own_mm=own,
-        shared_mm=float(np.linalg.norm(middle)),
-        of_robot=True,
-        reach_mm=WIDE_MM,
-        remedy="calibrate the arm, or let the robot that scanned use the map",
-    )
+    return ErrorTerm(cause, own, float(np.linalg.norm(middle)), remedy=remedy, reach_mm=WIDE_MM)
+
+
+def _links(name: str, qs_rad: Floats, maps: Maps) -> ErrorTerm:
+    """Return what the links of the robot do to the cells of a map, posture by posture."""
+    points = maps.outer.T_base_map.inv() @ maps.outer_points_base[: len(qs_rad)]
+    model = robot_model(name)
+    axes = (model.forward(qs_rad) @ model.T_flange_probe).rotations[:, :, 2]
+    rows = tip_sensitivities(model, qs_rad, -axes, ROBOT_ACCURACY_MM)
+    remedy = "calibrate the arm, or let the robot that scanned use the map"
+    term = _posture_term("links of the robot", rows, points[:, :2], maps.outer, remedy)
+    return replace(term, of_robot=True)
