@@ -18,6 +18,8 @@ from rona_core.app.steps.boundaries.ascan_view import (
 )
 from rona_core.app.steps.boundaries.handlers import scans_of
 from rona_core.app.steps.boundaries.messages import CorrectBoundary
+from rona_core.app.steps.maps.accuracy.map_accuracy import map_accuracy
+from rona_core.app.steps.maps.accuracy.probe_place import OTHER_POSTURE
 from rona_core.app.steps.maps.derivation import (
     derive_mapping,
     derive_second,
@@ -36,8 +38,13 @@ from rona_core.app.steps.scan.planned_motion import joints_at, motion_times, rep
 from rona_core.devices.protocols import never, silent
 from rona_core.devices.samples import AScanTrack
 from rona_core.errors import InvalidInputError, StepBlockedError
+from rona_core.evaluation.scan_postures import scan_postures
+from rona_core.geometry.arrays import readonly
 from rona_core.geometry.pose import Poses
 from rona_core.mapping.second_pass import standoffs_mm
+from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.robot.kinematics.link_errors import alike
+from rona_core.robot.redundancy.other_roll import with_other_roll
 from rona_core.session.codec import digest
 from rona_core.session.files import load_session, session_bytes, session_from_bytes
 from tests.app.maps.further import half_of, mapped_again
@@ -207,3 +214,45 @@ def test_tracks_that_are_sampled_differently_are_not_joined(small):
     track = small.captures.second[0].scans
     with pytest.raises(InvalidInputError, match="sampled differently"):
         AScanTrack.joined([track, replace(track, start_us=track.start_us + 1.0)])
+
+
+def postures_of(capture):
+    return capture.joints.at(capture.scans.times_s)
+
+
+def in_another_posture(capture):
+    """Return a pass as if it had reached the same places with another roll."""
+    found = with_other_roll(robot_model("rx90"), capture.joints.qs_rad)
+    return replace(capture, joints=replace(capture.joints, qs_rad=readonly(found[1])))
+
+
+def test_a_further_pass_is_planned_in_the_posture_of_the_scan(small):
+    scan = in_another_posture(small.captures.scan)
+    for session in (small, small.with_capture("scan", scan)):
+        planned = derive_second(
+            before_plan(session), StartGapPlan(), progress=silent, cancel=never
+        ).plan.trajectory
+        start, end = planned.scan_start_s, planned.scan_end_s
+        scanning = (planned.times_s >= start) & (planned.times_s <= end)
+        posture = np.median(postures_of(session.captures.scan), axis=0)
+        assert alike(planned.qs_rad[scanning], posture).all()
+    assert not alike(postures_of(scan), postures_of(small.captures.scan)).any()
+
+
+def test_maps_say_what_another_posture_in_a_further_pass_does_to_them(small):
+    (again,) = small.captures.second
+    turned = small.with_capture("second", (in_another_posture(again),))
+    before, after = map_accuracy(small), map_accuracy(turned)
+    held = {row.cause: row for row in after.thickness.budget}
+    assert OTHER_POSTURE not in {row.cause for row in before.thickness.budget}
+    assert 0.02 < held[OTHER_POSTURE].sigma_mm < 0.3
+    assert not held[OTHER_POSTURE].of_robot
+    np.testing.assert_array_equal(before.outer.own_mm, after.outer.own_mm)
+    known = small.results.maps.value.inner.ok
+    assert (after.inner.same_robot_mm()[known] > before.inner.same_robot_mm()[known]).all()
+
+
+def test_the_robot_comes_back_as_it_came_first(small):
+    assert scan_postures(small) is not None
+    np.testing.assert_array_equal(scan_postures(small).qs_rad, postures_of(small.captures.scan))
+    assert scan_postures(small.with_capture("scan", None)) is None

@@ -18,6 +18,7 @@ from rona_core.geometry.pose import Pose
 from rona_core.robot.collision.obstacles import Box, Obstacle, Obstacles
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.joint_limits import JointLimits
+from rona_core.robot.kinematics.link_errors import alike
 from rona_core.robot.planning.plan_scan import PlanSettings, choose_roll, plan_scan
 from rona_core.robot.trajectory.joint_moves import TIP_SPEED_MM_PER_S, plan_joint_move
 from rona_core.robot.trajectory.scan_timing import ScanSettings
@@ -380,6 +381,31 @@ def test_another_roll_can_be_chosen_and_first_is_first(plan, path):
     assert not plan.certificate.certifies(again.trajectory)
     first = plan_scan(path, RX90, replace(SETTINGS, choice="first"))
     assert first.search.chosen == feasible[0]
+
+
+def posture_of(plan):
+    inside = plan.trajectory.times_s
+    scanning = (inside >= plan.trajectory.scan_start_s) & (inside <= plan.trajectory.scan_end_s)
+    return np.median(plan.trajectory.qs_rad[scanning], axis=0)
+
+
+def test_rolls_near_a_posture_come_first(path, plan):
+    pairs = ((pair.index, pair.branch) for pair in plan.search.ranked)
+    others = (choose_roll(plan, index, RX90, SETTINGS, branch=branch) for index, branch in pairs)
+    other = next(p for p in others if p.may_move and not alike(posture_of(p), posture_of(plan)))
+    wanted = posture_of(other)
+    near = plan_scan(path, RX90, replace(SETTINGS, posture_rad=tuple(wanted)))
+    assert near.may_move
+    assert alike(posture_of(near), wanted)
+    assert near.search.verdicts == plan.search.verdicts  # the others are as good as they were
+    same = plan_scan(path, RX90, replace(SETTINGS, posture_rad=tuple(posture_of(plan))))
+    np.testing.assert_array_equal(same.trajectory.qs_rad, plan.trajectory.qs_rad)
+
+
+def test_where_no_roll_is_near_a_posture_the_best_is_taken(path, plan):
+    away = tuple(posture_of(plan) + np.array((np.pi / 2, 0, 0, 0, 0, 0)))
+    found = plan_scan(path, RX90, replace(SETTINGS, posture_rad=away))
+    np.testing.assert_array_equal(found.trajectory.qs_rad, plan.trajectory.qs_rad)
 
 
 def test_planning_is_reproducible_bit_by_bit(path, plan):
