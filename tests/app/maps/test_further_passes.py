@@ -22,8 +22,6 @@ from rona_core.app.steps.maps.accuracy.map_accuracy import map_accuracy
 from rona_core.app.steps.maps.accuracy.probe_place import OTHER_POSTURE
 from rona_core.app.steps.maps.derivation import (
     derive_mapping,
-    derive_second,
-    recompute_second,
 )
 from rona_core.app.steps.maps.further_passes import (
     before_plan,
@@ -31,6 +29,7 @@ from rona_core.app.steps.maps.further_passes import (
     joined_scans,
     usable_second,
 )
+from rona_core.app.steps.maps.gap_plan import derive_second, recompute_second
 from rona_core.app.steps.maps.messages import StartGapPlan, StartMapping
 from rona_core.app.steps.maps.view import second_cells, second_view
 from rona_core.app.steps.scan.head_view import head_report

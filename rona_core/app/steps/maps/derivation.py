@@ -1,29 +1,21 @@
-"""Boundary detection and maps, and the plan of a further pass over the gaps."""
+"""Boundary detection and maps, of the first pass and of further ones."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-import numpy as np
-
-from rona_core.app.declarations.declarations import Arguments
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.dependencies.staleness import input_digests, stale_reason
-from rona_core.app.messages.serialization import message_from, serialize_arguments
+from rona_core.app.messages.serialization import serialize_arguments
 from rona_core.app.steps.acoustics.derivation import first_speed, robot_probe, with_known_speed
 from rona_core.app.steps.maps.accuracy.probe_place import cloud_prior
 from rona_core.app.steps.maps.further_passes import (
-    before_plan,
     joined_poses,
     joined_scans,
     usable_second,
 )
-from rona_core.app.steps.maps.messages import StartGapPlan, StartMapping
-from rona_core.app.steps.path.painting import allowed_in_patch, require_none_avoided
-from rona_core.app.steps.roll.derivation import plan_settings
-from rona_core.app.steps.roll.messages import StartRollSearch
-from rona_core.app.steps.scan.probe_poses import probe_poses_of, probe_postures_of
+from rona_core.app.steps.maps.messages import StartMapping
+from rona_core.app.steps.scan.probe_poses import probe_poses_of
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.devices.samples import AScanTrack
-from rona_core.errors import StepBlockedError
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Poses
 from rona_core.mapping.boundary_map import Maps
@@ -34,14 +26,9 @@ from rona_core.mapping.build_maps import (
     build_outer_maps,
 )
 from rona_core.mapping.second_pass import (
-    SecondPassPath,
-    plan_along,
-    plan_second_pass,
     standoffs_mm,
 )
-from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.robot.planning.plan_scan import plan_scan
-from rona_core.session.document import Derived, SecondPass, Session
+from rona_core.session.document import Derived, Session
 from rona_core.session.memo import Memo
 from rona_core.ultrasound.detection.detect import Detection, detect, doubted, heard
 from rona_core.ultrasound.detection.manual_corrections import corrected
@@ -173,39 +160,6 @@ def _outer_maps(
     return OUTER_MAPS.get((detection, poses, cloud), build, (message.cell_mm, probe, prior))
 
 
-def derive_second(
-    session: Session, message: StartGapPlan, *, progress: Progress, cancel: Cancel
-) -> SecondPass:
-    """Plan, time and verify a scan of the gaps that all passes so far left, or along given lines.
-
-    Raises:
-        StepBlockedError: there is no gap worth a scan.
-        InvalidInputError: a line leaves the outer map.
-    """
-    maps = maps_so_far(session, progress=progress, cancel=cancel)
-    detection = require_result(session.results.detection, "detect the boundaries").value
-    speed = detection.sound_speed_mm_per_us
-    if message.rows:
-        way = plan_along(maps, message.rows, speed, message)
-        require_none_avoided(session.painted, way.path.points_base)
-        return plan_further_pass(session, way, progress=progress, cancel=cancel)
-    allowed = allowed_in_patch(session.painted, maps.outer.T_base_map)
-    way = plan_second_pass(maps, speed, message, allowed)
-    if way is None:
-        raise StepBlockedError(
-            "StartGapPlan is blocked: no gap is left in the inner map where it may be scanned"
-        )
-    return plan_further_pass(session, way, progress=progress, cancel=cancel)
-
-
-def recompute_second(
-    session: Session, arguments: Arguments, progress: Progress, cancel: Cancel
-) -> SecondPass:
-    """Plan again over the gaps that were left when the pass was planned."""
-    message = message_from(StartGapPlan.__name__, arguments)
-    return derive_second(before_plan(session), message, progress=progress, cancel=cancel)
-
-
 def maps_so_far(session: Session, *, progress: Progress = silent, cancel: Cancel = never) -> Maps:
     """Return the maps that a further pass is planned on: of all passes that were scanned.
 
@@ -218,28 +172,6 @@ def maps_so_far(session: Session, *, progress: Progress = silent, cancel: Cancel
             again = derive_second_detection(session, asked, progress=progress, cancel=cancel)
             session = _with_result(session, "second_detection", again)
     return derive_maps(session, asked, calibrated=False)
-
-
-def plan_further_pass(
-    session: Session, way: SecondPassPath, *, progress: Progress, cancel: Cancel
-) -> SecondPass:
-    """Return a pass along a way, timed and verified for the robot.
-
-    In the posture of the scan where there is a way: in another one the links of the robot err
-    otherwise, so that what the passes find would not fit together.
-    """
-    settings, scanned = plan_settings(session, StartRollSearch()), probe_postures_of(session)
-    if scanned is not None and len(scanned.qs_rad):
-        posture = tuple(np.median(scanned.qs_rad, axis=0).tolist())
-        settings = replace(settings, posture_rad=posture)
-    plan = plan_scan(
-        way.path,
-        robot_model(session.setup.devices.robot.model),
-        settings,
-        progress=progress,
-        cancel=cancel,
-    )
-    return SecondPass(way, plan, len(usable_second(session)))
 
 
 def derive_second_detection(

@@ -12,11 +12,10 @@ from rona_core.app.steps.maps.derivation import (
     derive_detection,
     derive_mapping,
     derive_maps,
-    derive_second,
     derive_second_detection,
-    recompute_second,
 )
 from rona_core.app.steps.maps.further_passes import forget_corrections, with_pass
+from rona_core.app.steps.maps.gap_plan import derive_second, recompute_second
 from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
 from rona_core.app.steps.path.painting import PAINTED
 from rona_core.app.steps.scan.captures import capture_scan
