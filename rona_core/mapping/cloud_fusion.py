@@ -31,7 +31,7 @@ ROUNDS = 25
 LEAST_STEP_MM = 1e-5
 LEAST_SCALE_MM = 0.02
 ARM_MM = 20.0  # turns count as the way of a point so far from the middle
-PATCH_MM = 6.0  # errors of tracker and map hang together over so much
+PATCH_MM = 7.0  # errors of tracker and map hang together over so much
 NEAREST = 12  # points that tell by how much the surface misses the bone at a place
 
 

