@@ -193,6 +193,8 @@ class Surgeon:
         self.page, self.address, self.pictures = page, address, pictures
         self.errors: list[str] = []
         page.on("pageerror", lambda error: self.errors.append(str(error)))
+        self.connections: list[str] = []  # of the viewer, in the order they came and went
+        page.on("websocket", self._connected)
         self.come()
 
     def come(self) -> None:
@@ -226,6 +228,11 @@ class Surgeon:
         """Wait until the docks show a session: until then a step may be that of the one before."""
         wait_for(lambda: self.frame.evaluate(SESSION) == key, "the session in the docks")
 
+    def _connected(self, socket: Any) -> None:
+        at = time.monotonic()
+        self.connections.append("came")
+        socket.on("close", lambda _: self.connections.append(f"{time.monotonic() - at:.1f} s"))
+
     def _viewer(self) -> Any:
         return next((f for f in self.page.frames if "/viewer" in f.url), None)
 
@@ -244,7 +251,13 @@ class Surgeon:
         """Click a step of the list."""
         title = f"Step {STEPS.index(name) + 1}: {name}"
         self.button(title).click()
-        self.frame.locator(".r-title").get_by_text(title, exact=True).wait_for()
+        titles = self.frame.locator(".r-title")
+        try:
+            wait_for(titles.get_by_text(title, exact=True).count, "the step to open")
+        except AssertionError as error:
+            shown = titles.all_inner_texts()
+            told = f"{shown} is open, connections {self.connections}, errors {self.errors}"
+            raise AssertionError(f"{title} does not open: {told}") from error
 
     def menu(self, name: str, entry: str | None = None) -> None:
         """Open a menu of the tool bar, and click an entry by the beginning of its words."""

@@ -214,12 +214,14 @@ def test_the_report_tells_the_name_of_the_session(surgeon: Surgeon, tmp_path: Pa
 @pytest.mark.parametrize("way", ["button", "key"])
 def test_a_screenshot_is_a_picture_of_the_scene(surgeon: Surgeon, tmp_path: Path, way: str) -> None:
     surgeon.open_step("Maps")
+    name = current(surgeon)["name"]
+    surgeon.page.locator("#name").get_by_text(name, exact=True).wait_for()  # it was renamed before
     with surgeon.page.expect_download() as download:
         if way == "key":
             surgeon.page.keyboard.press("p")
         else:
             surgeon.page.locator("#screenshot").click()
-    assert download.value.suggested_filename == f"{current(surgeon)['name']} maps.png"
+    assert download.value.suggested_filename == f"{name} maps.png"
     download.value.save_as(tmp_path / "scene.png")
     with Image.open(tmp_path / "scene.png") as picture:
         assert picture.format == "PNG"
