@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rona_core.evaluation.head_place import head_place_base
-from rona_core.evaluation.scan_postures import ScanPostures, scan_postures
+from rona_core.evaluation.scan_postures import scan_postures
 from rona_core.geometry.arrays import Bools, Floats, Vector3, as_points, readonly
 from rona_core.geometry.pose import Pose, Poses
+from rona_core.robot.redundancy.scan_postures import ScanPostures
 from rona_core.virtual.pointer_motion import cross
 from rona_core.virtual.scene import VirtualScene
 

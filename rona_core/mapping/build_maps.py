@@ -148,9 +148,8 @@ def build_outer_maps(
     points_base = found.points()[0] - correction_mm
     points_map = T_base_map.inv() @ points_base
     used = _agreeing_among(found.detection.outer_ok, points_map)
-    axes_base = found.Ts_base_probe.rotations[used, :, 2]
-    require_area(points_base[used], axes_base, 2.0 * probe.aperture_radius_mm)
     require_share(used)
+    require_area(points_base[used], found.Ts_base_probe.rotations[used, :, 2])
     used_map = T_base_map.inv() @ points_base[used]  # to the last bit as who has only those
     grid = MapGrid(T_base_map, used_map, cell_mm)
     _pause(progress, 0.2, cancel)

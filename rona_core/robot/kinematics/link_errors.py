@@ -16,10 +16,14 @@ from rona_core.robot.kinematics.robot_model import RobotModel
 ALIKE_RAD = np.deg2rad(45.0)  # no joint of postures that are alike differs by more
 
 
+def largest_step_rad(qs_rad: Floats, others_rad: Floats) -> Floats:
+    """Return by how much (...) the joint that moves most differs between postures (..., 6)."""
+    return np.abs(wrapped(qs_rad - others_rad)).max(axis=-1)
+
+
 def alike(qs_rad: Floats, others_rad: Floats) -> Bools:
     """Return where two postures (..., 6) are so much alike that errors of the links are, too."""
-    apart: Floats = np.abs(wrapped(qs_rad - others_rad)).max(axis=-1)
-    return apart <= ALIKE_RAD
+    return largest_step_rad(qs_rad, others_rad) <= ALIKE_RAD
 
 
 def link_errors(

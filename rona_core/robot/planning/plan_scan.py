@@ -13,7 +13,6 @@ from rona_core.geometry.path5d import Path5D, resample_path
 from rona_core.robot.collision.collision_world import CollisionWorld
 from rona_core.robot.collision.edge_check import Clear
 from rona_core.robot.collision.obstacles import Obstacles
-from rona_core.robot.kinematics.link_errors import alike
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.planning.plan import RobotPlan
 from rona_core.robot.redundancy.collision_filter import no_way, remove_blocked_rolls, remove_rolls
@@ -27,6 +26,7 @@ from rona_core.robot.redundancy.cost import RollCost
 from rona_core.robot.redundancy.infeasibility import NAME
 from rona_core.robot.redundancy.margins import MarginLimits, joint_path
 from rona_core.robot.redundancy.result import Choice, RollMode, RollSearch
+from rona_core.robot.redundancy.scan_postures import ScanPostures, keep_postures
 from rona_core.robot.redundancy.variable_roll import plan_variable_roll
 from rona_core.robot.trajectory.lines_back import LEAST_STANDOFF_MM
 from rona_core.robot.trajectory.scan_timing import ScanSettings, time_scan
@@ -51,7 +51,7 @@ class PlanSettings:
     margin_limits: MarginLimits = field(default_factory=MarginLimits)
     scan: ScanSettings = field(default_factory=ScanSettings)
     obstacles: Obstacles | None = None  # None: no collisions are checked
-    posture_rad: tuple[float, ...] | None = None  # constant rolls near these joints are tried first
+    near: ScanPostures | None = None  # constant rolls in these postures are tried first
 
     def __post_init__(self) -> None:
         require(
@@ -74,7 +74,8 @@ def plan_scan(
 ) -> RobotPlan:
     """Plan the scan of a dense path: roll, trajectory and certificate.
 
-    Constant rolls are candidates in the order of ``settings.choice``, each on its branches in turn.
+    Constant rolls are candidates in the order of ``settings.choice``, each on its branches in turn;
+    where postures are given, those that are alike come before all others.
     In the mode ``auto`` a roll that varies along the path is the last candidate, in the mode
     ``variable`` the only one. The first candidate whose motion the verifier certifies is the plan.
     A roll counts as feasible if the probe can be retracted at both ends of the path; one that was
@@ -223,13 +224,13 @@ def _candidates(
     """Yield plans with constant rolls, then one with a varying roll or none, as the mode says."""
     settings = planner.settings
     if settings.mode != "variable":
-        if settings.posture_rad is not None:
-            near = _in_posture(evaluation, np.array(settings.posture_rad))
+        if settings.near is not None:
+            search = evaluation.search()
             yield from constant_candidates(
-                near,
-                lambda _, index, branch: planner.constant(evaluation.search(), index, branch),
+                keep_postures(evaluation, settings.near),
+                lambda _, index, branch: planner.constant(search, index, branch),
                 settings.choice,
-                progress,
+                silent,
             )
         evaluation = yield from constant_candidates(
             evaluation, planner.constant, settings.choice, progress
@@ -242,20 +243,6 @@ def _candidates(
             lambda share: progress(TRIED_SHARE + (1.0 - TRIED_SHARE) * share),
             cancel,
         )
-
-
-def _in_posture(evaluation: RollEvaluation, posture_rad: Floats) -> RollEvaluation:
-    """Return the rolls, on those branches alone that follow the path near a posture (6,)."""
-    curves = {
-        (pair.index, pair.branch): evaluation.rolls.on_branch(pair.index, pair.branch).qs_rad
-        for pair in evaluation.ranked
-    }
-    away = {
-        pair: lambda: (START, no_way("the posture is another one"))
-        for pair, curve in curves.items()
-        if not alike(np.median(curve, axis=1), posture_rad)
-    }
-    return remove_rolls(evaluation, away)
 
 
 def constant_candidates(

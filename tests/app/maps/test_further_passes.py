@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import KDTree
 
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.messages.message import StoreCapture
@@ -18,6 +19,7 @@ from rona_core.app.steps.boundaries.ascan_view import (
 )
 from rona_core.app.steps.boundaries.handlers import scans_of
 from rona_core.app.steps.boundaries.messages import CorrectBoundary
+from rona_core.app.steps.maps.accuracy.error_budget import error_budgets
 from rona_core.app.steps.maps.accuracy.map_accuracy import map_accuracy
 from rona_core.app.steps.maps.accuracy.probe_place import OTHER_POSTURE
 from rona_core.app.steps.maps.derivation import (
@@ -232,9 +234,10 @@ def test_a_further_pass_is_planned_in_the_posture_of_the_scan(small):
             before_plan(session), StartGapPlan(), progress=silent, cancel=never
         ).plan.trajectory
         start, end = planned.scan_start_s, planned.scan_end_s
-        scanning = (planned.times_s >= start) & (planned.times_s <= end)
-        posture = np.median(postures_of(session.captures.scan), axis=0)
-        assert alike(planned.qs_rad[scanning], posture).all()
+        found = planned.qs_rad[(planned.times_s >= start) & (planned.times_s <= end)]
+        model = robot_model("rx90")
+        faces = (model.forward(found) @ model.T_flange_probe).translations
+        assert alike(found, scan_postures(session).at(faces)).all()
     assert not alike(postures_of(scan), postures_of(small.captures.scan)).any()
 
 
@@ -242,13 +245,27 @@ def test_maps_say_what_another_posture_in_a_further_pass_does_to_them(small):
     (again,) = small.captures.second
     turned = small.with_capture("second", (in_another_posture(again),))
     before, after = map_accuracy(small), map_accuracy(turned)
+    causes = {row.cause for row in after.thickness.budget}
+    lines = {line.title: line.predicted_mm for line in error_budgets(after, {})[1].lines}
     held = {row.cause: row for row in after.thickness.budget}
-    assert OTHER_POSTURE not in {row.cause for row in before.thickness.budget}
+    assert OTHER_POSTURE in causes - {row.cause for row in before.thickness.budget}
+    assert lines["Further pass in another posture"] == held[OTHER_POSTURE].sigma_mm
     assert 0.02 < held[OTHER_POSTURE].sigma_mm < 0.3
     assert not held[OTHER_POSTURE].of_robot
     np.testing.assert_array_equal(before.outer.own_mm, after.outer.own_mm)
-    known = small.results.maps.value.inner.ok
-    assert (after.inner.same_robot_mm()[known] > before.inner.same_robot_mm()[known]).all()
+    maps, n = small.results.maps.value, len(small.captures.scan.scans.times_s)
+    places = (maps.inner.T_base_map.inv() @ maps.inner_points_base)[:, :2]
+    cells = np.stack(np.meshgrid(maps.inner.u_mm, maps.inner.v_mm, indexing="ij"), axis=-1)
+    first, further = (
+        KDTree(places[part][maps.inner_used[part]]).query(cells)[0]
+        for part in (slice(None, n), slice(n, None))
+    )
+    grown = after.inner.same_robot_mm() > before.inner.same_robot_mm()
+    assert grown[further < first].all()
+    assert not grown[further > first].any()
+    assert (further > first).any()
+    later = turned.with_capture("second", (*turned.captures.second, again))  # not mapped yet
+    np.testing.assert_array_equal(map_accuracy(later).inner.shared_mm, after.inner.shared_mm)
 
 
 def test_the_robot_comes_back_as_it_came_first(small):

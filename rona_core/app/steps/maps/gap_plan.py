@@ -2,12 +2,10 @@
 
 from dataclasses import replace
 
-import numpy as np
-
 from rona_core.app.declarations.declarations import Arguments
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.messages.serialization import message_from
-from rona_core.app.steps.maps.derivation import maps_so_far
+from rona_core.app.steps.maps.derivation import maps_so_far, probe_poses
 from rona_core.app.steps.maps.further_passes import before_plan, usable_second
 from rona_core.app.steps.maps.messages import StartGapPlan
 from rona_core.app.steps.path.painting import allowed_in_patch, require_none_avoided
@@ -19,6 +17,7 @@ from rona_core.errors import StepBlockedError
 from rona_core.mapping.second_pass import SecondPassPath, plan_along, plan_second_pass
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.plan_scan import plan_scan
+from rona_core.robot.redundancy.scan_postures import ScanPostures
 from rona_core.session.document import SecondPass, Session
 
 
@@ -64,9 +63,9 @@ def plan_further_pass(
     otherwise, so that what the passes find would not fit together.
     """
     settings, scanned = plan_settings(session, StartRollSearch()), probe_postures_of(session)
-    if scanned is not None and len(scanned.qs_rad):
-        posture = tuple(np.median(scanned.qs_rad, axis=0).tolist())
-        settings = replace(settings, posture_rad=posture)
+    if scanned is not None:
+        faces_base = probe_poses(session).translations
+        settings = replace(settings, near=ScanPostures(faces_base, scanned.qs_rad))
     plan = plan_scan(
         way.path,
         robot_model(session.setup.devices.robot.model),

@@ -20,6 +20,7 @@ from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.joint_limits import JointLimits
 from rona_core.robot.kinematics.link_errors import alike
 from rona_core.robot.planning.plan_scan import PlanSettings, choose_roll, plan_scan
+from rona_core.robot.redundancy.scan_postures import ScanPostures
 from rona_core.robot.trajectory.joint_moves import TIP_SPEED_MM_PER_S, plan_joint_move
 from rona_core.robot.trajectory.scan_timing import ScanSettings
 from rona_core.robot.trajectory.trajectory import Trajectory
@@ -383,29 +384,63 @@ def test_another_roll_can_be_chosen_and_first_is_first(plan, path):
     assert first.search.chosen == feasible[0]
 
 
-def posture_of(plan):
-    inside = plan.trajectory.times_s
-    scanning = (inside >= plan.trajectory.scan_start_s) & (inside <= plan.trajectory.scan_end_s)
-    return np.median(plan.trajectory.qs_rad[scanning], axis=0)
+def postures(plan):
+    """Return where the robot was on the path of a plan, and how."""
+    trajectory = plan.trajectory
+    start_s, end_s = trajectory.scan_start_s, trajectory.scan_end_s
+    scanning = (trajectory.times_s >= start_s) & (trajectory.times_s <= end_s)
+    qs = trajectory.qs_rad[scanning]
+    return ScanPostures((RX90.forward(qs) @ RX90.T_flange_probe).translations, qs)
 
 
-def test_rolls_near_a_posture_come_first(path, plan):
+def far_from(plan):
+    """Return a plan of the same search that may move, in another posture all along."""
     pairs = ((pair.index, pair.branch) for pair in plan.search.ranked)
     others = (choose_roll(plan, index, RX90, SETTINGS, branch=branch) for index, branch in pairs)
-    other = next(p for p in others if p.may_move and not alike(posture_of(p), posture_of(plan)))
-    wanted = posture_of(other)
-    near = plan_scan(path, RX90, replace(SETTINGS, posture_rad=tuple(wanted)))
+    known = postures(plan)
+    for other in others:
+        if other.may_move:
+            there = postures(other)
+            if not alike(there.qs_rad, known.at(there.faces_base)).any():
+                return other
+    return None
+
+
+def test_rolls_in_postures_that_are_known_come_first(path, plan):
+    wanted = postures(far_from(plan))
+    near = plan_scan(path, RX90, replace(SETTINGS, near=wanted))
+    found = postures(near)
     assert near.may_move
-    assert alike(posture_of(near), wanted)
+    assert alike(found.qs_rad, wanted.at(found.faces_base)).all()
     assert near.search.verdicts == plan.search.verdicts  # the others are as good as they were
-    same = plan_scan(path, RX90, replace(SETTINGS, posture_rad=tuple(posture_of(plan))))
-    np.testing.assert_array_equal(same.trajectory.qs_rad, plan.trajectory.qs_rad)
 
 
-def test_where_no_roll_is_near_a_posture_the_best_is_taken(path, plan):
-    away = tuple(posture_of(plan) + np.array((np.pi / 2, 0, 0, 0, 0, 0)))
-    found = plan_scan(path, RX90, replace(SETTINGS, posture_rad=away))
-    np.testing.assert_array_equal(found.trajectory.qs_rad, plan.trajectory.qs_rad)
+def test_a_gap_at_the_rim_is_followed_as_the_path_was_there(plan):
+    """A roll may be near the middle posture of a wide path, and far from that at its rim."""
+    wide = plan_scan(dense_path("S1", lines=8, per_line=9, half_mm=45.0), RX90, SETTINGS)
+    known = postures(wide)
+    corner = np.argmax(np.linalg.norm(known.faces_base - known.faces_base.mean(axis=0), axis=1))
+    path = wide.search.path
+    near = np.linalg.norm(path.points_base - known.faces_base[corner], axis=1) < 12.0
+    first = np.flatnonzero(near)[0]
+    last = first + np.argmin(np.append(near[first:], False))
+    part = Path5D(path.points_base[first:last], path.axes_base[first:last])
+    found = postures(plan_scan(part, RX90, replace(SETTINGS, near=known)))
+    assert alike(found.qs_rad, known.at(found.faces_base)).all()
+
+
+def test_where_all_postures_are_others_the_nearest_is_taken(path, plan):
+    away = postures(plan)
+    turned = ScanPostures(away.faces_base, away.qs_rad + np.array((np.pi / 2, 0, 0, 0, 0, 0)))
+    assert plan_scan(path, RX90, replace(SETTINGS, near=turned)).may_move
+
+
+def test_progress_only_grows_where_postures_are_known(path, plan):
+    shares: list[float] = []
+    refused = replace(SETTINGS, near=postures(plan), margin_limits=SETTINGS.margin_limits)
+    plan_scan(path, RX90, refused, progress=shares.append)
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
 
 
 def test_planning_is_reproducible_bit_by_bit(path, plan):

@@ -8,6 +8,7 @@ import numpy as np
 
 from rona_core.app.steps.maps.accuracy.error_terms import CellSigma
 from rona_core.app.steps.maps.accuracy.map_accuracy import MapAccuracy
+from rona_core.app.steps.maps.accuracy.probe_place import OTHER_POSTURE
 
 TIMING = "time of flight"
 
@@ -17,7 +18,7 @@ class Group(NamedTuple):
 
     title: str
     causes: tuple[str, ...]  # as `map_accuracy` names them
-    key: str  # the figure of docs/metrics.md that is their truth
+    key: str = ""  # the figure of docs/metrics.md that is their truth; such a line is always there
     alike: tuple[str, ...] = ()  # causes of other lines of which this one has what is shared
 
 
@@ -58,6 +59,7 @@ THICKNESS = (
         ("interpolation", "inner boundary not heard", "roughness within the beam"),
         "thickness_by_interpolation_mm",
     ),
+    Group("Further pass in another posture", (OTHER_POSTURE,)),
 )
 
 
@@ -99,6 +101,8 @@ def _budget(
     moved = {cause for group in groups for cause in group.alike}
     lines: list[BudgetLine] = []
     for group in groups:
+        if not group.key and not {*group.causes} & {row.cause for row in part.budget}:
+            continue
         own = [row.own_mm for row in part.budget if row.cause in group.causes]
         held = {*group.alike, *group.causes} - (moved - {*group.alike})
         shared = [row.shared_mm for row in part.budget if row.cause in held]

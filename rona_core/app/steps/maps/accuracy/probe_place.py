@@ -1,6 +1,6 @@
 """How sure it is where the probe was, and where the cloud: robot, holder, line, tracker."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -8,13 +8,12 @@ from scipy.spatial import KDTree
 from rona_core.app.dependencies.head_reference import HeadWatch, watch_head
 from rona_core.app.steps.acoustics.derivation import usable_line
 from rona_core.app.steps.maps.accuracy.error_terms import ErrorTerm
-from rona_core.app.steps.maps.further_passes import usable_second
 from rona_core.app.steps.scan.probe_mounting import known_mounting
 from rona_core.app.steps.scan.probe_poses import ProbePostures, probe_postures_of
 from rona_core.app.steps.tool.derivation import ROBOT_ACCURACY_MM
 from rona_core.calibration.timing.robot_latency import BREATH_MM
 from rona_core.devices.tracker_volumes import ACCURACY_MM
-from rona_core.geometry.arrays import Bools, Floats
+from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.mapping.cloud_fusion import CloudPrior
 from rona_core.robot.kinematics.catalog import robot_model
@@ -70,7 +69,7 @@ def robot_place(session: Session) -> ProbePlace:
     sigma_us = None if line is None else line.at(devices.probe.line_temperature_c)[1]
     return _robot_place(
         devices.robot.model,
-        tuple(probe_postures_of(session, taken) for taken in (None, *usable_second(session))),
+        tuple(probe_postures_of(session, taken) for taken in (None, *session.captures.second)),
         probe_model(devices.probe),
         known_mounting(session),
         sigma_us,
@@ -194,40 +193,48 @@ def _between_passes(
     """
     n, T_map_base = len(first_rad), maps.outer.T_base_map.inv()
     points = (T_map_base @ maps.outer_points_base)[:, :2]
+    further_rad = further_rad[: len(points) - n]  # later passes are not in the maps yet
     if len(points) != n + len(further_rad):
         return ()
     beside_rad = first_rad[KDTree(points[:n]).query(points[n:])[1]]
-    used, turned = maps.inner_used, np.zeros(len(points), dtype=np.bool_)
-    turned[n:] = ~alike(further_rad, beside_rad)
-    if not (used & turned).any():
+    off_mm = np.zeros(len(points))
+    turned = ~alike(further_rad, beside_rad)
+    if not (maps.inner_used[n:] & turned).any():
         return ()
-    model, m = robot_model(name), len(further_rad)
+    model = robot_model(name)
     axes = (model.forward(further_rad) @ model.T_flange_probe).rotations[:, :, 2]
-    both = np.concatenate((further_rad, beside_rad)), -np.tile(axes, (2, 1))
-    rows = tip_sensitivities(model, *both, ROBOT_ACCURACY_MM)
-    errs = np.zeros((len(points), rows.shape[1]))
-    errs[n:][turned[n:]] = (rows[:m] - rows[m:])[turned[n:]]
-    return (_posture_term(OTHER_POSTURE, errs[used], points[used], maps.inner, "scan them again"),)
+    both_rad = np.concatenate((further_rad, beside_rad))
+    rows = tip_sensitivities(model, both_rad, -np.tile(axes, (2, 1)), ROBOT_ACCURACY_MM)
+    further, beside = np.split(rows, 2)
+    off_mm[n:] = np.where(turned, np.linalg.norm(further - beside, axis=1), 0.0)
+    used = maps.inner_used
+    shared_mm = off_mm[used][_nearest(points[used], maps.inner)].reshape(maps.inner.ok.shape)
+    remedy = "undo that pass and scan the gaps again"
+    return (ErrorTerm(OTHER_POSTURE, shared_mm=shared_mm, remedy=remedy),)
 
 
-def _posture_term(
-    cause: str, rows: Floats, places: Floats, boundary: BoundaryMap, remedy: str
-) -> ErrorTerm:
-    """Return what link errors do to the cells of a map, given by rows (n, k) at places (n, 2)."""
+def _nearest(places: Floats, boundary: BoundaryMap) -> Ints:
+    """Return the place (n, 2) in ``map`` that is nearest to each cell (nu nv,)."""
     u, v = np.meshgrid(boundary.u_mm, boundary.v_mm, indexing="ij")
-    rows = rows[KDTree(places).query(np.column_stack((u.ravel(), v.ravel())))[1]]
-    ok: Bools = boundary.ok.ravel()
-    middle = rows[ok].mean(axis=0) if ok.any() else rows.mean(axis=0)
-    own = np.linalg.norm(rows - middle, axis=1).reshape(boundary.ok.shape)
-    return ErrorTerm(cause, own, float(np.linalg.norm(middle)), remedy=remedy, reach_mm=WIDE_MM)
+    return np.asarray(KDTree(places).query(np.column_stack((u.ravel(), v.ravel())))[1])
 
 
 def _links(name: str, qs_rad: Floats, maps: Maps) -> ErrorTerm:
     """Return what the links of the robot do to the cells of a map, posture by posture."""
-    points = maps.outer.T_base_map.inv() @ maps.outer_points_base[: len(qs_rad)]
+    boundary = maps.outer
+    points = boundary.T_base_map.inv() @ maps.outer_points_base[: len(qs_rad)]
     model = robot_model(name)
     axes = (model.forward(qs_rad) @ model.T_flange_probe).rotations[:, :, 2]
     rows = tip_sensitivities(model, qs_rad, -axes, ROBOT_ACCURACY_MM)
-    remedy = "calibrate the arm, or let the robot that scanned use the map"
-    term = _posture_term("links of the robot", rows, points[:, :2], maps.outer, remedy)
-    return replace(term, of_robot=True)
+    rows = rows[_nearest(points[:, :2], boundary)]
+    ok: Bools = boundary.ok.ravel()
+    middle = rows[ok].mean(axis=0) if ok.any() else rows.mean(axis=0)
+    own = np.linalg.norm(rows - middle, axis=1).reshape(boundary.ok.shape)
+    return ErrorTerm(
+        "links of the robot",
+        own_mm=own,
+        shared_mm=float(np.linalg.norm(middle)),
+        of_robot=True,
+        reach_mm=WIDE_MM,
+        remedy="calibrate the arm, or let the robot that scanned use the map",
+    )
