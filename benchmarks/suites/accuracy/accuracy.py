@@ -95,7 +95,12 @@ def run(progress: Progress) -> list[Metric]:
     there = [DemoSkull(str(path)) for path in paths if path.is_file()]
     skulls = list(_made(progress, SKULL_SEEDS, there, REALISTIC_WORLD))
     elsewhere = list(_at_other_places(progress))
-    metrics = [
+    tried = {
+        "nominal": nominal, "realistic": realistic, "real skulls": skulls, ELSEWHERE: elsewhere,
+    }  # fmt: skip
+    metrics = [_unmapped(kind, made) for kind, made in tried.items()]
+    nominal, realistic, skulls, elsewhere = (list(filter(_mapped, made)) for made in tried.values())
+    metrics += [
         *_sizes("nominal", nominal),
         *_sizes("realistic", realistic),
         *_sizes("real skulls", skulls),
@@ -113,23 +118,31 @@ def run(progress: Progress) -> list[Metric]:
 def _made(
     progress: Progress, seeds: Sequence[int], skulls: Sequence[DemoSkull], world: WorldSettings
 ) -> Iterator[Made]:
-    """Yield the sessions that came to maps."""
+    """Yield a session of each seed and skull."""
     for skull in skulls:
         for seed in seeds:
             progress(f"{world.profile} world, {skull.name}, seed {seed}")
-            session, figures = run_demo(seed, skull, world=world)
-            if session.results.maps is not None:
-                yield session, figures
+            yield run_demo(seed, skull, world=world)
 
 
 def _at_other_places(progress: Progress) -> Iterator[Made]:
-    """Yield the sessions on real skulls that came to maps, one at each place."""
+    """Yield a session on a real skull at each place."""
     for name, places in PLACES.items():
         path = data_folder() / name
         if path.is_file():
             for seed, place in zip(PLACE_SEEDS, places, strict=True):
                 skull = DemoSkull(str(path), center=place)
                 yield from _made(progress, (seed,), (skull,), REALISTIC_WORLD)
+
+
+def _mapped(made: Made) -> bool:
+    return made[0].results.maps is not None
+
+
+def _unmapped(kind: str, made: Sequence[Made]) -> Metric:
+    """Return how many sessions have no maps, as where too few front echoes came: none is judged."""
+    count = sum(not _mapped(one) for one in made)
+    return Metric(f"{kind}: sessions without maps, of {len(made)}", count, "", "lower")
 
 
 def _scanned_again(progress: Progress) -> Iterator[next_lines.NextFigures]:
