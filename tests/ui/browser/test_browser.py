@@ -147,7 +147,7 @@ def test_ten_steps_by_hand_with_the_mouse_alone_then_saved_and_opened_again(
     # the skull is swept and the path is shown on it by the mouse in the 3D scene
     for step, finish, half_mm, spacing_mm, places in (
         ("Surface", "Finish strokes", 29.0, 3.5, 5),
-        ("Path", "Finish stroke", 24.0, 5.0, 6),
+        ("Path", "Finish stroke", 24.0, 4.5, 6),
     ):
         surgeon.open_step(step)
         surgeon.button("Draw on the skull").click()
