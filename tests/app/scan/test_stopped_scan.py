@@ -21,7 +21,7 @@ from rona_core.session.document import Results
 from rona_core.session.files import load_session
 from rona_ui.resources import demo_session
 
-IN_THE_SCAN = 2200  # times that a scan has asked whether to stop, when A-scans come
+IN_THE_SCAN = 1750  # times that a scan has asked whether to stop, when A-scans come
 
 
 def states(session):
