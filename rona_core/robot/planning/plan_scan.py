@@ -51,7 +51,7 @@ class PlanSettings:
     margin_limits: MarginLimits = field(default_factory=MarginLimits)
     scan: ScanSettings = field(default_factory=ScanSettings)
     obstacles: Obstacles | None = None  # None: no collisions are checked
-    near: ScanPostures | None = None  # constant rolls in these postures are tried first
+    preferred: ScanPostures | None = None  # constant rolls in these postures are tried first
 
     def __post_init__(self) -> None:
         require(
@@ -224,10 +224,10 @@ def _candidates(
     """Yield plans with constant rolls, then one with a varying roll or none, as the mode says."""
     settings = planner.settings
     if settings.mode != "variable":
-        if settings.near is not None:
+        if settings.preferred is not None:
             search = evaluation.search()
             yield from constant_candidates(
-                keep_postures(evaluation, settings.near),
+                keep_postures(evaluation, settings.preferred),
                 lambda _, index, branch: planner.constant(search, index, branch),
                 settings.choice,
                 silent,

@@ -14,7 +14,7 @@ from rona_core.app.steps.roll.messages import StartRollSearch
 from rona_core.app.steps.scan.messages import StartHome, StartRetract, StartScan
 from rona_core.app.steps.setup.clearance import stands_clear
 from rona_core.compose import virtual_services
-from rona_core.errors import StepBlockedError
+from rona_core.errors import DegenerateGeometryError, StepBlockedError
 from rona_core.robot.collision.collision_world import CollisionWorld
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import Results
@@ -69,6 +69,23 @@ def test_the_maps_of_it_are_announced_as_a_part(bench):
     mapped.close()
     assert after.state == "partial"
     assert "cover only part" in after.reason
+
+
+def test_a_row_of_it_is_no_map_and_the_session_stays(bench):
+    scan = bench.session.captures.scan
+    row = slice(0, 40)
+    track = replace(
+        scan.scans,
+        times_s=scan.scans.times_s[row],
+        rf=scan.scans.rf[row],
+        clipped=scan.scans.clipped[row],
+    )
+    cut = bench.session.with_capture("scan", replace(scan, scans=track))
+    mapped = Workbench(cut, virtual_services(), bench.uploads)
+    with pytest.raises(DegenerateGeometryError, match=r"strip of .* mm.*scan more rows"):
+        mapped.run(StartMapping())
+    assert mapped.session is cut
+    mapped.close()
 
 
 def test_the_probe_is_drawn_back_along_its_axis_and_then_there_is_nothing_to_draw_back(bench):

@@ -65,7 +65,7 @@ def plan_further_pass(
     settings, scanned = plan_settings(session, StartRollSearch()), probe_postures_of(session)
     if scanned is not None:
         faces_base = probe_poses(session).translations
-        settings = replace(settings, near=ScanPostures(faces_base, scanned.qs_rad))
+        settings = replace(settings, preferred=ScanPostures(faces_base, scanned.qs_rad))
     plan = plan_scan(
         way.path,
         robot_model(session.setup.devices.robot.model),

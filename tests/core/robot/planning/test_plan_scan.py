@@ -18,7 +18,8 @@ from rona_core.geometry.pose import Pose
 from rona_core.robot.collision.obstacles import Box, Obstacle, Obstacles
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.joint_limits import JointLimits
-from rona_core.robot.kinematics.link_errors import alike
+from rona_core.robot.kinematics.link_errors import ALIKE_RAD, alike, largest_step_rad
+from rona_core.robot.planning import plan_scan as plan_module
 from rona_core.robot.planning.plan_scan import PlanSettings, choose_roll, plan_scan
 from rona_core.robot.redundancy.scan_postures import ScanPostures
 from rona_core.robot.trajectory.joint_moves import TIP_SPEED_MM_PER_S, plan_joint_move
@@ -408,7 +409,7 @@ def far_from(plan):
 
 def test_rolls_in_postures_that_are_known_come_first(path, plan):
     wanted = postures(far_from(plan))
-    near = plan_scan(path, RX90, replace(SETTINGS, near=wanted))
+    near = plan_scan(path, RX90, replace(SETTINGS, preferred=wanted))
     found = postures(near)
     assert near.may_move
     assert alike(found.qs_rad, wanted.at(found.faces_base)).all()
@@ -425,20 +426,32 @@ def test_a_gap_at_the_rim_is_followed_as_the_path_was_there(plan):
     first = np.flatnonzero(near)[0]
     last = first + np.argmin(np.append(near[first:], False))
     part = Path5D(path.points_base[first:last], path.axes_base[first:last])
-    found = postures(plan_scan(part, RX90, replace(SETTINGS, near=known)))
+    found = postures(plan_scan(part, RX90, replace(SETTINGS, preferred=known)))
     assert alike(found.qs_rad, known.at(found.faces_base)).all()
 
 
 def test_where_all_postures_are_others_the_nearest_is_taken(path, plan):
-    away = postures(plan)
-    turned = ScanPostures(away.faces_base, away.qs_rad + np.array((np.pi / 2, 0, 0, 0, 0, 0)))
-    assert plan_scan(path, RX90, replace(SETTINGS, near=turned)).may_move
+    turn = np.array((np.pi / 2, 0, 0, 0, 0, 0))
+    known = postures(plan)
+    away = ScanPostures(known.faces_base, known.qs_rad + turn)  # the plan is a right angle away
+    found = postures(plan_scan(path, RX90, replace(SETTINGS, preferred=away)))
+    apart = largest_step_rad(found.qs_rad, away.at(found.faces_base))
+    assert ALIKE_RAD < apart.max() < np.pi / 2 + 0.02
+    worst = postures(far_from(plan))
+    assert largest_step_rad(worst.qs_rad, away.at(worst.faces_base)).max() > apart.max()
 
 
-def test_progress_only_grows_where_postures_are_known(path, plan):
+def test_progress_only_grows_though_all_motions_in_known_postures_are_refused(
+    path, plan, monkeypatch
+):
+    def refused(*_, **__):
+        raise NotReachableError("there is no way")
+
+    monkeypatch.setattr(plan_module, "time_scan", refused)
     shares: list[float] = []
-    refused = replace(SETTINGS, near=postures(plan), margin_limits=SETTINGS.margin_limits)
-    plan_scan(path, RX90, refused, progress=shares.append)
+    known = replace(SETTINGS, mode="constant", preferred=postures(plan))
+    found = plan_scan(path, RX90, known, progress=shares.append)
+    assert not found.may_move
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
 
