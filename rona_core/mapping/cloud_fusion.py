@@ -62,14 +62,15 @@ class FusedCloud:
     def cloud_sigmas_mm(self, places_mm: Floats) -> Floats:
         """Return the standard deviation of the surface (m,) at places (m, 2) that the cloud leads.
 
-        As much as the whole cloud scatters about the map, and more where the points nearest to a
-        place miss the surface by more: at a groove, an edge, or where ultrasound disagrees.
+        Two estimates of one variance, and their mean: how the whole cloud scatters about the map,
+        and by how much the points nearest to a place miss the surface, which is more at a groove,
+        at an edge, or where ultrasound disagrees.
         """
         points = self.points_map
         off = points[:, 2] - self.plate.heights(points[:, :2])
         near = KDTree(points[:, :2]).query(places_mm, k=min(NEAREST, len(points)))[1]
         missed = np.mean(off[near.reshape(len(places_mm), -1)] ** 2, axis=1)
-        return np.sqrt(np.maximum(missed, self.scatter_mm**2))
+        return np.sqrt(0.5 * (missed + self.scatter_mm**2))
 
 
 def fuse_cloud(

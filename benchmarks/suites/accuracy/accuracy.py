@@ -35,14 +35,14 @@ from rona_core.evaluation.truth import truth_of
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
 
-SEEDS = range(37_600, 37_640)
+SEEDS = range(37_700, 37_740)
 NOMINAL_SEEDS = range(37_100, 37_110)
-SKULL_SEEDS = range(37_640, 37_643)
-PLACE_SEEDS = range(37_650, 37_654)  # of each of the places
+SKULL_SEEDS = range(37_740, 37_750)
+PLACE_SEEDS = range(37_750, 37_754)  # of each of the places
 # file -> middles of regions, in mm of the file
 PLACES: Mapping[str, tuple[tuple[float, float, float], ...]] = {
-    SKULLS[0]: ((278, 31, 517), (355, -90, 484), (376, 10, 492), (331, 59, 438)),
-    SKULLS[1]: ((119, 32, 101), (20, 93, 119), (15, 101, 71), (114, 97, 171)),
+    SKULLS[0]: ((351, -94, 465), (378, -17, 461), (327, -113, 480), (360, 46, 447)),
+    SKULLS[1]: ((38, 55, 93), (84, 219, 76), (132, 93, 169), (48, 189, 120)),
 }
 NEXT_SEEDS = range(37_300, 37_304)  # of patients that are scanned again in several ways
 FILES: tuple[Path, ...] = ()  # sessions with virtual devices that count among the realistic
