@@ -11,15 +11,13 @@ import numpy as np
 from rona_core.app.runtime.session_registry import SessionRegistry
 from rona_core.app.steps.implant.export import export_bed
 from rona_core.app.steps.implant.view import moved_bed
-from rona_core.app.steps.maps.comparison import MapComparison, compare_maps
 from rona_core.app.steps.maps.export import export_maps
 from rona_core.app.steps.setup.messages import SetRegion
-from rona_core.errors import InvalidInputError, NotFoundError, RonaError
+from rona_core.errors import NotFoundError, RonaError
 from rona_core.geometry.arrays import Floats
 from rona_core.mapping.comparison.reference_bone import Registration
-from rona_core.session.document import Session
 from rona_ui.panels.layout.docks import Docks
-from rona_ui.panels.maps.comparison import BY_PAIRS, LEAST_PAIRS
+from rona_ui.panels.maps.comparison import compared_with_file
 from rona_ui.panels.widgets.panel_context import PanelContext
 from rona_ui.presentation.camera import (
     FOV_RAD,
@@ -40,6 +38,7 @@ from rona_ui.scene.renderer import SceneRenderer
 from rona_ui.scene.viser_nodes import M_PER_MM, metres
 from rona_ui.viewer.bindings import Bindings, Event, notify
 from rona_ui.viewer.fields import Fields
+from rona_ui.window.kept_views import KeptViews
 
 NEAR_M, FAR_M = 0.01, 20.0
 COMPARE: dict[str, Registration] = {
@@ -51,12 +50,18 @@ class Browser:
     """Draws snapshots for one client and executes its clicks."""
 
     def __init__(
-        self, client: Any, hub: SessionRegistry, bindings: Bindings, wake: Callable[[], None]
+        self,
+        client: Any,
+        hub: SessionRegistry,
+        bindings: Bindings,
+        wake: Callable[[], None],
+        kept: KeptViews,
     ) -> None:
         self.client = client
         self._hub, self._bindings, self._wake = hub, bindings, wake
         self._lock = threading.Lock()
-        self._view = ViewState()
+        self._view = self._opened = ViewState()
+        self._kept, self._page, self._session_id = kept, "", ""  # names, once they are known
         self._drawn: Snapshot | None = None
         self._in_scene: Snapshot | None = None
         self._listening = False
@@ -85,14 +90,30 @@ class Browser:
         """Replace the view by ``change(view)`` and have it drawn."""
         with self._lock:
             self._view = change(self._view)
+            self._keep()
+        self._wake()
+
+    def _keep(self) -> None:
+        if self._page and self._session_id:
+            self._kept.keep(self._page, self._session_id, self._view)
+
+    def _resume(self, page: str) -> None:
+        """Go on as a page was left, unless somebody has clicked here since it opened."""
+        with self._lock:
+            self._page = page
+            if self._view is self._opened:
+                self._view = self._kept.of(page, self._session_id) or self._view
+            self._keep()
         self._wake()
 
     def draw(self, new: Snapshot) -> None:
         """Bring this browser to ``new``, in one go."""
         old = self._drawn
         if old is None or old.session.id != new.session.id:
+            self._session_id = new.session.id
             self.change_view(lambda v: opening_view(old, new, v))
-            new = replace(new, view=self._view)
+            self._opened = self._view
+            new = replace(new, view=self._opened)
         self._listen(new)
         with self.client.atomic():
             self._docks.render(old, new)
@@ -221,6 +242,8 @@ class Browser:
             self._bindings.call(lambda: self._hub.get().finish_pointer(), event)
         elif what == "cancel":
             self._bindings.call(self._cancel, event)
+        elif what.startswith("resume:"):
+            self._resume(what.removeprefix("resume:"))
         elif what.startswith("nudge:"):
             self._nudge(what.removeprefix("nudge:"), event)
         else:
@@ -263,19 +286,3 @@ class Browser:
             self._hub.files.store_upload(PurePath(name).name, data)
         else:
             raise NotFoundError(f"there is no service {what!r}")
-
-
-def compared_with_file(
-    session: Session, data: bytes, name: str, how: Registration, view: ViewState
-) -> MapComparison:
-    """Return the maps beside a file; pairs of points count where it is laid by them."""
-    pairs, threshold = view.pairs, view.bone_threshold
-    if how not in BY_PAIRS:
-        return compare_maps(session, data, name, how, threshold=threshold)
-    if len(pairs) < LEAST_PAIRS:
-        raise InvalidInputError(
-            f"a reference is laid by {LEAST_PAIRS} pairs of points or more, not {len(pairs)}: add "
-            "pairs in step 9, Comparison, Pairs of points"
-        )
-    points = [there for there, _ in pairs], [here for _, here in pairs]
-    return compare_maps(session, data, name, how, points, threshold)

@@ -32,6 +32,7 @@ from rona_ui.viewer.theme import set_theme
 from rona_ui.window.background_figures import BackgroundFigures
 from rona_ui.window.background_growth import BackgroundGrowth
 from rona_ui.window.browser import Browser
+from rona_ui.window.kept_views import KeptViews
 from rona_ui.window.stroke_growth import StrokeGrowth
 
 TICK_S = 1.0 / 30.0  # while something moves
@@ -46,6 +47,7 @@ class Window:
         self._server, self._hub = server, hub
         self._lock = threading.Lock()
         self._browsers: dict[int, Browser] = {}
+        self._kept = KeptViews()
         self._changed = threading.Event()
         self._open = True
         self._refusals = Refusals()
@@ -92,7 +94,7 @@ class Window:
     def _enter(self, client: viser.ClientHandle) -> None:
         if not self._is_here(client):
             return
-        browser = Browser(client, self._hub, self.bindings, self.wake)
+        browser = Browser(client, self._hub, self.bindings, self.wake, self._kept)
         with self._lock:
             self._browsers[client.client_id] = browser
         if not self._is_here(client):  # it left meanwhile, and was told to before it was stored

@@ -6,9 +6,11 @@ import { $, tell } from "./base.js";
 export const viewer = $("viewer");
 export const link = { view: null, fields: null }; // the view of this browser; what is typed in docks
 const SETTLE_MS = 40;
+const NAME = (sessionStorage.ronaPage ??= Math.random().toString(36).slice(2)); // outlives its connections
 let heard = null; // the document whose keys reach us
 let told = ""; // the state that was read last
 let asked = 0;
+let linked = null; // the viewer's end that knows us
 const listeners = []; // of keys and presses, here and in the frame
 
 export const inside = () => viewer.contentDocument;
@@ -20,13 +22,14 @@ export function listen(kind, act) {
   if (heard) viewer.contentWindow.addEventListener(kind, act, true);
 }
 
-// Ask the viewer's end for something, in the order of what its fields send.
+// Ask the viewer's end for something, in the order of what its fields send; return whether it went.
 export function act(what, value = null) {
   const end = inside()?.querySelector("[data-page]");
   const page = viewer.contentWindow;
-  if (!end || !page.__viserMutable?.sendMessage) return;
+  if (!end || !page.__viserMutable?.sendMessage) return false;
   const wish = JSON.stringify({ act: what, value, number: ++asked });
   page.__viserMutable.sendMessage({ type: "GuiUpdateMessage", uuid: end.dataset.page, updates: { value: wish } });
+  return true;
 }
 
 // A button of the docks by its name: one of the run bar's, or that of a step.
@@ -37,6 +40,10 @@ export function docked(name) {
 
 function read() {
   const end = inside()?.querySelector("[data-page]");
+  if (end && end.dataset.page !== linked && act("resume", NAME)) { // as it was on another connection
+    linked = end.dataset.page;
+    tell("linked");
+  }
   if (end && end.dataset.state !== told) {
     told = end.dataset.state;
     link.view = JSON.parse(told);

@@ -5,7 +5,7 @@ import { act } from "./link.js";
 
 let told = "";
 
-follow("entered", () => { told = ""; });
+follow("linked", () => { told = ""; });
 follow("drawn", (page) => {
   if (!page?.querySelector("[data-page]")) return; // nobody listens yet
   const tabs = [...page.querySelectorAll("[data-dock-strip] [data-dock-tab][aria-selected=true]")];

@@ -5,7 +5,14 @@ from dataclasses import replace
 from pathlib import PurePath
 from typing import Any
 
-from rona_core.app.steps.maps.comparison import TRUTH, MapComparison
+from rona_core.app.steps.maps.comparison import (
+    TRUTH,
+    MapComparison,
+    Registration,
+    compare_maps,
+)
+from rona_core.errors import InvalidInputError
+from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
 from rona_ui.presentation.shown import shown_comparison
@@ -181,3 +188,19 @@ def _words(found: MapComparison | None) -> str:
     kind = "good" if fit.verdict == "good" else "warn"
     words = "; ".join((f"Fit {fit.verdict}, RMS {fit.rms_mm:.2f} mm", *fit.reasons))
     return html + style.note(f"{words}. {RIGID}", kind)
+
+
+def compared_with_file(
+    session: Session, data: bytes, name: str, how: Registration, view: ViewState
+) -> MapComparison:
+    """Return the maps beside a file; pairs of points count where it is laid by them."""
+    pairs, threshold = view.pairs, view.bone_threshold
+    if how not in BY_PAIRS:
+        return compare_maps(session, data, name, how, threshold=threshold)
+    if len(pairs) < LEAST_PAIRS:
+        raise InvalidInputError(
+            f"a reference is laid by {LEAST_PAIRS} pairs of points or more, not {len(pairs)}: add "
+            "pairs in step 9, Comparison, Pairs of points"
+        )
+    points = [there for there, _ in pairs], [here for _, here in pairs]
+    return compare_maps(session, data, name, how, points, threshold)

@@ -16,7 +16,7 @@ class PanelContext:
     send: Callable[[Callable[[], Any], Event], None]
     send_debounced: Callable[[object, Callable[[], Any], Event], None]
     change_view: Callable[[Callable[[ViewState], ViewState]], None]
-    # save, upload, export, compare, finish, cancel, escape
+    # save, upload, export, compare, finish, cancel, escape, resume
     service: Callable[[str, Event, str | bytes | None], None]
     set_camera: Callable[[str], None]  # preset by name
 

@@ -98,6 +98,28 @@ def test_a_drawn_line_stays_until_the_pointer_has_followed_it(at_surface: Surgeo
     assert surgeon.errors == []
 
 
+def test_a_line_that_is_drawn_outlives_the_connection_and_the_page(at_surface: Surgeon) -> None:
+    surgeon = at_surface
+    drawn = "2 points in 1 stroke so far"
+    x, y = middle(surgeon)
+    surgeon.button("Draw on the skull").click()
+    mode(surgeon).wait_for()
+    surgeon.page.mouse.click(x - 80, y)
+    wait_for(lambda: "/drawing/points" in surgeon.nodes(), "the first point")
+    surgeon.page.mouse.click(x + 80, y + 20)
+    surgeon.frame.get_by_text(drawn).wait_for()
+    for connect_anew in (lambda: surgeon.frame.evaluate("() => location.reload()"), surgeon.come):
+        with surgeon.page.expect_event("websocket"):
+            connect_anew()
+        surgeon.frame.get_by_text(drawn).wait_for()
+        wait_for(lambda: "/drawing/line" in surgeon.nodes(), "the line")
+        mode(surgeon).wait_for()
+    surgeon.button("Finish stroke").click()
+    surgeon.wait_idle()
+    wait_for(lambda: "/drawing/line" not in surgeon.nodes(), "it to be recorded")
+    assert surgeon.errors == []
+
+
 def test_the_pointer_is_lifted_between_drags_and_each_stroke_is_recorded(
     at_surface: Surgeon,
 ) -> None:

@@ -1,9 +1,11 @@
 """Browsers come and go: one that leaves while its page is being built is kept by nobody."""
 
 import asyncio
+import contextlib
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Awaitable, Callable, Generator, Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -207,20 +209,53 @@ def test_short_visits_leave_nobody_behind(tmp_path: Path, monkeypatch: pytest.Mo
                 ended.append(client.client_id)
 
     monkeypatch.setattr(window_module, "Browser", Counted)
-    hub, gateway = build_registry(tmp_path, processes=False), ViewerGateway()
+    with served(tmp_path) as (port, window):
+        for stay_s in (0.0, 0.05, 0.1, 0.2):
+            asyncio.run(visit(port, lambda stay_s=stay_s: asyncio.sleep(stay_s)))
+        assert begun
+        assert stays(lambda: len(ended) == len(begun) and window.browsers == ())
+
+
+@pytest.mark.filterwarnings("ignore:Queued a:UserWarning")
+def test_a_page_that_connects_anew_goes_on_as_it_was(tmp_path: Path) -> None:
+    with served(tmp_path) as (port, window):
+        views = []
+        for name, step in (("a", "roll"), ("a", None), ("a", "path"), ("b", None)):
+            views.append(asyncio.run(visit(port, lambda n=name, s=step: looks(window, n, s))))
+            assert soon(lambda: window.browsers == ())
+    first, second, third, stranger = views
+    assert first.step == "roll"
+    assert second is first
+    assert third.step == "path"  # somebody was quicker than the page with its name
+    assert stranger.step == "setup"
+
+
+async def looks(window: Window, name: str, step: Any) -> ViewState:
+    """Return how a page with a name looks at the session, after it chose a step or none."""
+    for _ in range(1000):
+        if any(browser._drawn for browser in window.browsers):
+            break
+        await asyncio.sleep(0.02)
+    (browser,) = window.browsers
+    if step is not None:
+        browser.change_view(lambda v: replace(v, step=step))
+    browser._service(f"resume:{name}", SimpleNamespace(client=browser.client), None)
+    return browser.view
+
+
+@contextlib.contextmanager
+def served(sessions: Path) -> Generator[tuple[int, Window]]:
+    """Serve a new session to browsers at a port."""
+    hub, gateway = build_registry(sessions, processes=False), ViewerGateway()
     hub.create()
     window = Window(gateway.server, hub)
-    settings = ServerSettings(port=0, sessions=tmp_path, token=TOKEN, open_browser=False)
+    settings = ServerSettings(port=0, sessions=sessions, token=TOKEN, open_browser=False)
     server = server_of(hub, gateway, settings)
     thread = threading.Thread(target=server.run, daemon=True)
     thread.start()
     try:
         assert soon(lambda: server.started)
-        port = server.servers[0].sockets[0].getsockname()[1]
-        for stay_s in (0.0, 0.05, 0.1, 0.2):
-            asyncio.run(visit(port, stay_s))
-        assert begun
-        assert stays(lambda: len(ended) == len(begun) and window.browsers == ())
+        yield server.servers[0].sockets[0].getsockname()[1], window
     finally:
         server.should_exit = True
         thread.join(20.0)
@@ -241,8 +276,8 @@ def stays(condition: Any, for_s: float = 1.0, within_s: float = 30.0) -> bool:
     return False
 
 
-async def visit(port: int, stay_s: float) -> None:
-    """Connect as a browser does, say where the camera is, and leave."""
+async def visit(port: int, stay: Callable[[], Awaitable[Any]]) -> Any:
+    """Connect as a browser does, say where the camera is, stay, and leave."""
     async with websockets.asyncio.client.connect(
         f"ws://127.0.0.1:{port}/viewer",
         subprotocols=[websockets.Subprotocol(f"viser-v{viser.__version__}")],
@@ -252,4 +287,4 @@ async def visit(port: int, stay_s: float) -> None:
     ) as socket:
         await asyncio.wait_for(socket.recv(), 20.0)
         await socket.send(msgspec.msgpack.encode(CAMERA))
-        await asyncio.sleep(stay_s)
+        return await stay()
