@@ -17,9 +17,9 @@ DEFAULT: Mapping[str, Mapping[str, Any]] = {
         "suites.honesty.thickness.SEEDS": range(47_000, 47_024),
     },
     "accuracy": {
-        "suites.accuracy.accuracy.SEEDS": range(37_700, 37_703),
+        "suites.accuracy.accuracy.SEEDS": range(37_800, 37_803),
         "suites.accuracy.accuracy.NOMINAL_SEEDS": range(37_100, 37_102),
-        "suites.accuracy.accuracy.SKULL_SEEDS": range(37_740, 37_741),
+        "suites.accuracy.accuracy.SKULL_SEEDS": range(37_840, 37_841),
         "suites.accuracy.accuracy.PLACES": {},
     },
     "map_ranks": {

@@ -35,14 +35,14 @@ from rona_core.evaluation.truth import truth_of
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
 
-SEEDS = range(37_700, 37_740)
+SEEDS = range(37_800, 37_840)
 NOMINAL_SEEDS = range(37_100, 37_110)
-SKULL_SEEDS = range(37_740, 37_750)
-PLACE_SEEDS = range(37_750, 37_754)  # of each of the places
+SKULL_SEEDS = range(37_840, 37_850)
+PLACE_SEEDS = range(37_850, 37_854)  # of each of the places
 # file -> middles of regions, in mm of the file
 PLACES: Mapping[str, tuple[tuple[float, float, float], ...]] = {
-    SKULLS[0]: ((351, -94, 465), (378, -17, 461), (327, -113, 480), (360, 46, 447)),
-    SKULLS[1]: ((38, 55, 93), (84, 219, 76), (132, 93, 169), (48, 189, 120)),
+    SKULLS[0]: ((364, -59, 498), (248, -48, 498), (312, -103, 504), (363, -36, 497)),
+    SKULLS[1]: ((54, 51, 47), (44, 75, 150), (30, 61, 67), (132, 106, 31)),
 }
 NEXT_SEEDS = range(37_300, 37_304)  # of patients that are scanned again in several ways
 FILES: tuple[Path, ...] = ()  # sessions with virtual devices that count among the realistic

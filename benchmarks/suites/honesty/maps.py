@@ -13,7 +13,7 @@ from rona_core.evaluation.truth import truth_of
 from rona_core.session.document import Session
 from rona_core.virtual.acoustics.medium import bone_medium, true_bone
 
-SEEDS = range(41_192, 41_300)
+SEEDS = range(41_300, 41_408)
 CELLS = 400  # of a map that are looked at
 
 

@@ -32,8 +32,10 @@ REPEATABILITY_OVER_SIGMA = 3.62
 # Assumed, one standard deviation each: nobody states them.
 SEAT_MM = 0.4  # of a probe that was clamped by hand, along its axis
 ROOM_K = 5.0  # of a line that nobody asked, between the room and the skin
-WARMING_K = 0.8  # of a line since it was asked
+WARMING_K = 0.8  # of a line since it was asked, by the end of a scan
 CREEP_MM = 0.2  # of a head in its clamp that nobody watched
+# what is heated at one face warms with the root of time (Carslaw 1959): mean over a scan, deviation
+MEAN_WARMING, WARMING_SPREAD = 2.0 / 3.0, 18.0**-0.5
 COUPLING_MM = 0.01  # film and speed of the gel under the face
 WIDE_MM = 30.0  # what changes evenly over a whole map hangs together so far
 TURN_ARM_MM = 100.0  # what errs by a millimetre over a shorter way turns a cloud by more
@@ -105,8 +107,8 @@ def _robot_place(
         known_mm = (line_sigma_us or 0.0) * mm_per_us if mounting is None else 0.0
         line = ErrorTerm(
             "delay line",
-            own_mm=warming_mm / 3.0,  # it warms while the probe moves on
-            shared_mm=float(np.hypot(warming_mm, known_mm)),
+            own_mm=WARMING_SPREAD * warming_mm,  # it warms while the probe moves on
+            shared_mm=float(np.hypot(MEAN_WARMING * warming_mm, known_mm)),
             remedy="let the line warm up on the head first",
             reach_mm=WIDE_MM,
         )
