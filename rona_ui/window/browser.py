@@ -38,7 +38,7 @@ from rona_ui.scene.renderer import SceneRenderer
 from rona_ui.scene.viser_nodes import M_PER_MM, metres
 from rona_ui.viewer.bindings import Bindings, Event, notify
 from rona_ui.viewer.fields import Fields
-from rona_ui.window.kept_views import KeptViews
+from rona_ui.window.kept_views import KeptViews, resumed_view
 
 NEAR_M, FAR_M = 0.01, 20.0
 COMPARE: dict[str, Registration] = {
@@ -60,7 +60,8 @@ class Browser:
         self.client = client
         self._hub, self._bindings, self._wake = hub, bindings, wake
         self._lock = threading.Lock()
-        self._view = self._opened = ViewState()
+        self._view = ViewState()
+        self._opened: ViewState | None = self._view  # what nobody has changed yet
         self._kept, self._page, self._session_id = kept, "", ""  # names, once they are known
         self._drawn: Snapshot | None = None
         self._in_scene: Snapshot | None = None
@@ -95,14 +96,25 @@ class Browser:
 
     def _keep(self) -> None:
         if self._page and self._session_id:
-            self._kept.keep(self._page, self._session_id, self._view)
+            self._kept.keep(self._page, self.client.client_id, self._session_id, self._view)
+
+    def _open(self, old: Snapshot | None, new: Snapshot) -> ViewState:
+        """Return the view of a session that is drawn for the first time."""
+        with self._lock:
+            untouched = self._view is self._opened
+            self._session_id = new.session.id
+            self._view = opening_view(old, new, self._view)
+            self._opened = self._view if untouched else None
+            self._keep()
+            return self._view
 
     def _resume(self, page: str) -> None:
         """Go on as a page was left, unless somebody has clicked here since it opened."""
         with self._lock:
             self._page = page
-            if self._view is self._opened:
-                self._view = self._kept.of(page, self._session_id) or self._view
+            kept = self._kept.of(page, self._session_id)
+            if kept is not None and self._view is self._opened:
+                self._view = resumed_view(self._view, kept)
             self._keep()
         self._wake()
 
@@ -110,10 +122,7 @@ class Browser:
         """Bring this browser to ``new``, in one go."""
         old = self._drawn
         if old is None or old.session.id != new.session.id:
-            self._session_id = new.session.id
-            self.change_view(lambda v: opening_view(old, new, v))
-            self._opened = self._view
-            new = replace(new, view=self._opened)
+            new = replace(new, view=self._open(old, new))
         self._listen(new)
         with self.client.atomic():
             self._docks.render(old, new)

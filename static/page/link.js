@@ -6,12 +6,20 @@ import { $, tell } from "./base.js";
 export const viewer = $("viewer");
 export const link = { view: null, fields: null }; // the view of this browser; what is typed in docks
 const SETTLE_MS = 40;
-const NAME = (sessionStorage.ronaPage ??= Math.random().toString(36).slice(2)); // outlives its connections
+const KEY = "ronaPage";
+const NAME = stored((items) => items.getItem(KEY)) ?? Math.random().toString(36).slice(2);
 let heard = null; // the document whose keys reach us
 let told = ""; // the state that was read last
 let asked = 0;
-let linked = null; // the viewer's end that knows us
+let linked = null; // uuid of the field that our name was sent to
 const listeners = []; // of keys and presses, here and in the frame
+
+// The name outlives our connections, and that we are loaded anew; a copy of our tab finds none.
+function stored(act) {
+  try { return act(sessionStorage); } catch { return null; } // the browser keeps nothing
+}
+addEventListener("pageshow", () => stored((items) => items.removeItem(KEY)));
+addEventListener("pagehide", () => stored((items) => items.setItem(KEY, NAME)));
 
 export const inside = () => viewer.contentDocument;
 
@@ -22,7 +30,8 @@ export function listen(kind, act) {
   if (heard) viewer.contentWindow.addEventListener(kind, act, true);
 }
 
-// Ask the viewer's end for something, in the order of what its fields send; return whether it went.
+// Ask the viewer's end for something, in the order of what its fields send; return whether
+// there is somebody to ask.
 export function act(what, value = null) {
   const end = inside()?.querySelector("[data-page]");
   const page = viewer.contentWindow;

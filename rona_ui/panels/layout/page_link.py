@@ -27,7 +27,7 @@ from rona_ui.viewer.theme import set_theme
 CHOSEN_IN_STEP_9 = ("outer", "inner", "fused")  # these layers have fields of their own
 REACH_MM = 60.0  # of the cut to either side of the region's centre; no region is larger
 NOTHING_WRITTEN = "{}"
-LONGEST_NAME = 64  # of a page
+LONGEST_PAGE_NAME = 64
 SHOWN = (
     "view.step",
     "view.hidden",
@@ -67,7 +67,9 @@ class PageLink:
             "redo": lambda value, event: context.send(Redo, event),
             "save": lambda value, event: context.service("save", event, None),
             "escape": lambda value, event: context.service("escape", event, None),
-            "resume": lambda value, event: context.service(f"resume:{_name(value)}", event, None),
+            "resume": lambda value, event: context.service(
+                f"resume:{_page_name(value)}", event, None
+            ),
             "camera": lambda value, event: context.set_camera(_one_of(value, _cameras(None))),
             "nudge": lambda value, event: context.service(
                 f"nudge:{_one_of(value, NUDGES)}", event, None
@@ -165,9 +167,9 @@ def _one_of(value: Any, known: Any) -> Any:
     return value
 
 
-def _name(value: Any) -> str:
-    if not isinstance(value, str) or not 0 < len(value) <= LONGEST_NAME:
-        raise InvalidInputError(f"a page needs a name of at most {LONGEST_NAME} characters")
+def _page_name(value: Any) -> str:
+    if not isinstance(value, str) or not 0 < len(value) <= LONGEST_PAGE_NAME:
+        raise InvalidInputError(f"a page needs a name of at most {LONGEST_PAGE_NAME} characters")
     return value
 
 

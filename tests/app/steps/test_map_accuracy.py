@@ -19,7 +19,13 @@ from rona_core.app.steps.maps.accuracy.echo_terms import (
 from rona_core.app.steps.maps.accuracy.error_terms import ErrorTerm
 from rona_core.app.steps.maps.accuracy.map_accuracy import accuracy_words, map_accuracy
 from rona_core.app.steps.maps.accuracy.map_terms import map_terms
-from rona_core.app.steps.maps.accuracy.probe_place import REPEATABILITY_MM, ROBOT_ACCURACY_MM
+from rona_core.app.steps.maps.accuracy.probe_place import (
+    REPEATABILITY_MM,
+    ROBOT_ACCURACY_MM,
+    ROOM_K,
+    WARMING_K,
+    robot_place,
+)
 from rona_core.app.steps.maps.view import layers_of
 from rona_core.devices.settings import ROBOTS
 from rona_core.session.codec import decode, digest, encode
@@ -71,6 +77,17 @@ def test_without_the_gauge_plate_the_mounting_is_the_largest_cause(demo):
     assert largest.cause == "mounting of the probe"
     assert largest.own_mm == 0.0 < largest.shared_mm
     assert "gauge plate" in largest.remedy
+
+
+def test_a_line_that_warms_with_the_root_of_time_is_off_by_its_mean_and_spread(demo):
+    warmth_k = WARMING_K * np.sqrt(np.linspace(0.0, 1.0, 100_001))  # from the gauge to the end
+    with_gauge, without = (
+        next(term for term in robot_place(session).terms if term.cause == "delay line")
+        for session in (demo, demo.with_result("mounting", None))
+    )
+    mm_per_k = without.shared_mm / ROOM_K
+    assert with_gauge.shared_mm == pytest.approx(warmth_k.mean() * mm_per_k, rel=1e-4)
+    assert with_gauge.own_mm == pytest.approx(warmth_k.std() * mm_per_k, rel=1e-4)
 
 
 def test_bands_of_95_percent_hold_the_truth(demo):

@@ -222,8 +222,7 @@ def test_a_fused_map_is_less_sure_where_points_nearby_miss_it():
         found.cloud_sigmas_mm(np.column_stack((np.full(len(along), u), along)))
         for u in (-8.0, 10.0)
     )
-    assert beside.min() > 0.03
-    assert np.median(beside) < 0.06  # the points err by 0.05 mm
+    assert 0.03 < beside.min() < found.scatter_mm < 0.06  # the points err by 0.05 mm
     assert np.median(within) > 2.0 * np.median(beside)
 
 

@@ -152,6 +152,8 @@ def running_server(
             server.kill()
             server.wait(20)
         log.close()
+    told = (sessions / "server.log").read_text()
+    assert "Traceback" not in told, told  # a defect that a page did not show
 
 
 def answers(address: str) -> bool:
