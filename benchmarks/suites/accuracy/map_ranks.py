@@ -30,7 +30,7 @@ from rona_core.session.specimen import SimulatedSkull
 
 SEEDS = (*range(21_000, 21_024), *range(40_650, 40_695))
 SKULL_SEEDS = (*range(10_000, 10_003), *range(37_200, 37_203))
-OTHER_SEEDS = range(40_540, 40_648)  # of the suite ``honesty`` once, which nothing was tuned with
+OTHER_SEEDS = range(40_540, 40_648)  # formerly of the suite ``honesty``, never tuned with
 FILES: tuple[Path, ...] = ()  # sessions with virtual devices that count as well
 QUANTITIES = ("outer_same_robot", "fused_same_robot", "inner", "inner_same_robot", "thickness")
 CELLS = 400  # of a map that are looked at

@@ -34,7 +34,7 @@ SEAT_MM = 0.4  # of a probe that was clamped by hand, along its axis
 ROOM_K = 5.0  # of a line that nobody asked, between the room and the skin
 WARMING_K = 0.8  # of a line since it was asked, by the end of a scan
 CREEP_MM = 0.2  # of a head in its clamp that nobody watched
-# what is heated at one face warms with the root of time (Carslaw 1959): mean over a scan, deviation
+# a line whose face is held warmer warms with the root of time (Carslaw 1959): mean, deviation of it
 MEAN_WARMING, WARMING_SPREAD = 2.0 / 3.0, 18.0**-0.5
 COUPLING_MM = 0.01  # film and speed of the gel under the face
 WIDE_MM = 30.0  # what changes evenly over a whole map hangs together so far
