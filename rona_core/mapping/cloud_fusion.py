@@ -62,9 +62,9 @@ class FusedCloud:
     def cloud_sigmas_mm(self, places_mm: Floats) -> Floats:
         """Return the standard deviation of the surface (m,) at places (m, 2) that the cloud leads.
 
-        Two estimates of one variance, and their mean: how the whole cloud scatters about the map,
-        and by how much the points nearest to a place miss the surface, which is more at a groove,
-        at an edge, or where ultrasound disagrees.
+        Two estimates of one variance, and their mean: how points over the ultrasound scatter about
+        the map they were laid on, and by how much the points nearest to a place miss the surface,
+        which is more at a groove, at an edge, or where ultrasound disagrees.
         """
         points = self.points_map
         off = points[:, 2] - self.plate.heights(points[:, :2])

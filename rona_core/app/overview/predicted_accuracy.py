@@ -90,13 +90,13 @@ def _predict(
     rows, poses = _some_poses(strokes)
     if not len(poses):
         return None
-    random = tool.covariance if tool.random_covariance is None else tool.random_covariance
-    tip_random = pointer.random_covariance
+    repeating = repeating_errors(evidence, tool, pointer, poses)
+    random = repeating.registration
     setup = MapSetup(
         T_base_tracker=tool.T_base_tracker,
         registration=random,
         tip_pointermarker=pointer.tip_pointermarker,
-        tip_covariance=pointer.tip_covariance_pointermarker if tip_random is None else tip_random,
+        tip_covariance=repeating.tip,
         positions_pointermarker=GEOMETRIES[pointer.pointer].positions_marker,
         noise=MarkerNoise(
             sigma_mm=max(pointer.marker_sigma_mm or tool.marker_sigma_mm, MIN_SIGMA_MM)
@@ -105,7 +105,6 @@ def _predict(
     )
     n, found = len(poses), predict_map_error(setup, poses)
     tips_base = setup.T_base_tracker @ (poses @ setup.tip_pointermarker)
-    repeating = repeating_errors(evidence, tool, pointer, poses)
     J = point_jacobians(tool.T_base_tracker, poses @ setup.tip_pointermarker).reshape(3 * n, 6)
     turns = (tool.T_base_tracker.rotation @ poses.rotations).reshape(3 * n, 3)
     joint = repeating.tracker + repeating.robot + J @ random[:6, :6] @ J.T

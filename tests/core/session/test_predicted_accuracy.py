@@ -72,6 +72,26 @@ def test_the_prediction_is_of_the_size_of_the_error(world, request):
     assert figures["pointer_tip_sigma_mm"] == session.results.pointer.value.tip_sigma_mm
 
 
+def test_a_capture_that_a_calibration_was_not_made_of_tells_nothing_of_it(polaris):
+    session, _ = polaris
+    before, pointer = predict_surface(session), session.results.pointer.value
+    capture = session.captures.pointer
+    marker = capture.marker
+    for rows in (np.arange(49), np.arange(1, len(marker.times_s))):  # another one since
+        other = replace(
+            marker,
+            frame_numbers=marker.frame_numbers[rows],
+            times_s=marker.times_s[rows],
+            Ts_tracker_marker=marker.Ts_tracker_marker.select(rows),
+            rms_error_mm=marker.rms_error_mm[rows],
+        )
+        since = session.with_capture("pointer", replace(capture, marker=other))
+        found = predict_surface(since)
+        # nobody knows how much of it the tracker does the same at the surface: all of it counts
+        assert found.pointer_mm == pytest.approx(pointer.tip_sigma_mm)
+        assert found.pointer_mm > before.pointer_mm
+
+
 def test_the_parts_add_up_and_along_normals_there_is_less(polaris):
     found = predict_surface(polaris[0])
     chance = (found.registration_mm, found.pointer_mm, found.frame_mm)

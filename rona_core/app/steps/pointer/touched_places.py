@@ -6,6 +6,7 @@ the registration, and that part cancels. So all markers that were ever seen stan
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -23,12 +24,13 @@ from rona_core.geometry.arrays import Floats, readonly
 from rona_core.geometry.pose import Poses
 from rona_core.geometry.pose_covariance import cross_matrices, point_jacobians
 from rona_core.session.captures import PointerCapture, ToolCapture
-from rona_core.session.document import Session
+from rona_core.session.codec import digest
+from rona_core.session.document import Derived, Session
 
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """Devices and captures that a cloud rests on."""
+    """Devices, captures that calibrations were made of, and strokes."""
 
     devices: DeviceSettings
     tool: ToolCapture | None
@@ -37,17 +39,32 @@ class Evidence:
 
     @classmethod
     def of(cls, session: Session) -> "Evidence":
-        """Return those of a session."""
-        held = session.captures
-        return cls(session.setup.devices, held.tool, held.pointer, held.surface)
+        """Return those of a session; None where a calibration was made of an earlier capture."""
+        held, results = session.captures, session.results
+        return cls(
+            session.setup.devices,
+            held.tool if _made_of(results.tool, held.tool) else None,
+            held.pointer if _made_of(results.pointer, held.pointer) else None,
+            held.surface,
+        )
+
+
+def _made_of(made: Derived[Any] | None, capture: ToolCapture | PointerCapture | None) -> bool:
+    """Return whether a result was made of a capture, and not of one that it has replaced."""
+    return made is not None and made.inputs.get("capture") == digest(capture)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Repeating:
-    """Covariances (3 n, 3 n) in ``base`` of n touched places by what repeats, in mm^2."""
+    """Covariances (3 n, 3 n) in ``base`` of n touched places by what repeats, in mm^2.
+
+    With them what is left of both calibrations: chance, or all where their captures are gone.
+    """
 
     tracker: Floats
     links: Floats  # (3 n, m) by m independent standard normal errors of the robot's links, in mm
+    registration: Floats  # (12, 12) of the registration, as its calibration orders it
+    tip: Floats  # (3, 3) of the pointer's tip in its marker
 
     @property
     def robot(self) -> Floats:
@@ -74,13 +91,15 @@ def repeating_errors(
     R_base_tracker = tool.T_base_tracker.rotation
     stated = error_field(evidence.devices.tracker)
     field, robot = LearnedField(stated), np.zeros((3 * n, 1))
+    registration, tip = tool.covariance, pointer.tip_covariance_pointermarker
     parts = [_at_frames(pointer, poses, R_base_tracker)]
     if evidence.tool is not None and tool.random_covariance is not None:
+        registration = tool.random_covariance
         moved_by, by_robot = repeating_parts(evidence.tool, evidence.devices, tool)
         robot = (J @ by_robot[:6]).reshape(3 * n, -1)
         parts.append((np.einsum("nik,kpl->nipl", J, moved_by.markers[:6]), moved_by.points_tracker))
     if evidence.pointer is not None and pointer.random_covariance is not None:
-        field = learned_field(pointer, evidence.pointer, stated)
+        tip, field = pointer.random_covariance, learned_field(pointer, evidence.pointer, stated)
         moved = tip_sensitivity(pivot_motion(pointer, evidence.pointer))
         R_base_marker = R_base_tracker @ poses.rotations
         parts.append((np.einsum("nij,jpl->nipl", R_base_marker, moved.tip), moved.points_tracker))
@@ -88,8 +107,10 @@ def repeating_errors(
     points = np.concatenate([points for _, points in parts])
     parts.clear()  # there is no room for both
     return Repeating(
-        readonly(field.propagate(by_markers.reshape(3 * n, -1, 3), points)),
-        readonly(robot),
+        tracker=readonly(field.propagate(by_markers.reshape(3 * n, -1, 3), points)),
+        links=readonly(robot),
+        registration=registration,
+        tip=tip,
     )
 
 

@@ -119,9 +119,6 @@ def _covariance(
     k, poses, devices = len(touched.poses), touched.poses, session.setup.devices
     R_base_marker = tool.T_base_tracker.rotation @ poses.rotations
     J = point_jacobians(tool.T_base_tracker, poses @ pointer.tip_pointermarker).reshape(3 * k, 6)
-    random = tool.covariance if tool.random_covariance is None else tool.random_covariance
-    tip = pointer.random_covariance
-    tip = pointer.tip_covariance_pointermarker if tip is None else tip
     turns = R_base_marker.reshape(3 * k, 3)
     repeating = repeating_errors(Evidence.of(session), tool, pointer, poses)
     model = robot_model(devices.robot.model)
@@ -131,7 +128,8 @@ def _covariance(
         links = links + link_errors(model, qs_rad, model.T_flange_tip, accuracy_mm)[:, 3:].reshape(
             3 * k, 36
         )
-    joint = repeating.tracker + links @ links.T + J @ random[:6, :6] @ J.T + turns @ tip @ turns.T
+    random, tip = repeating.registration[:6, :6], repeating.tip
+    joint = repeating.tracker + links @ links.T + J @ random @ J.T + turns @ tip @ turns.T
     return joint + _own(touched, tool, pointer)
 
 
