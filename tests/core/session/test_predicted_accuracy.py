@@ -16,6 +16,7 @@ from rona_core.evaluation.navigation_metrics import tip_errors
 from rona_core.evaluation.truth import truth_of
 from rona_core.session.document import Session
 from rona_core.virtual.tracker.marker_error import SPECS
+from tests.helpers.tracks import track_rows
 
 KEYS = (
     "tool_tip_sigma_mm",
@@ -72,24 +73,28 @@ def test_the_prediction_is_of_the_size_of_the_error(world, request):
     assert figures["pointer_tip_sigma_mm"] == session.results.pointer.value.tip_sigma_mm
 
 
-def test_a_capture_that_a_calibration_was_not_made_of_tells_nothing_of_it(polaris):
+@pytest.mark.parametrize("frames", [slice(0, 49), slice(1, None)])
+def test_a_capture_that_a_calibration_was_not_made_of_tells_nothing_of_it(polaris, frames):
     session, _ = polaris
     before, pointer = predict_surface(session), session.results.pointer.value
     capture = session.captures.pointer
-    marker = capture.marker
-    for rows in (np.arange(49), np.arange(1, len(marker.times_s))):  # another one since
-        other = replace(
-            marker,
-            frame_numbers=marker.frame_numbers[rows],
-            times_s=marker.times_s[rows],
-            Ts_tracker_marker=marker.Ts_tracker_marker.select(rows),
-            rms_error_mm=marker.rms_error_mm[rows],
-        )
-        since = session.with_capture("pointer", replace(capture, marker=other))
-        found = predict_surface(since)
-        # nobody knows how much of it the tracker does the same at the surface: all of it counts
-        assert found.pointer_mm == pytest.approx(pointer.tip_sigma_mm)
-        assert found.pointer_mm > before.pointer_mm
+    rows = np.arange(len(capture.marker.times_s))[frames]  # recorded again, not yet calibrated
+    other = replace(capture, marker=track_rows(capture.marker, rows))
+    found = predict_surface(session.with_capture("pointer", other))
+    # nobody knows how much of it the tracker does the same at the surface: all of it counts
+    assert found.pointer_mm == pytest.approx(pointer.tip_sigma_mm)
+    assert found.pointer_mm > before.pointer_mm
+    assert found.registration_mm == pytest.approx(before.registration_mm)
+
+
+def test_a_registration_of_an_earlier_capture_counts_with_all_that_it_states(polaris):
+    session, _ = polaris
+    before, held = predict_surface(session), session.captures.tool
+    fewer = {name: getattr(held, name)[::2] for name in ("dwell_start_s", "dwell_end_s", "phases")}
+    found = predict_surface(session.with_capture("tool", replace(held, **fewer)))
+    assert found.registration_mm > before.registration_mm
+    assert found.robot_mm == 0.0  # it is in the registration
+    assert found.pointer_mm == pytest.approx(before.pointer_mm)
 
 
 def test_the_parts_add_up_and_along_normals_there_is_less(polaris):

@@ -56,6 +56,18 @@ def mode(surgeon: Surgeon) -> Any:
     return surgeon.page.locator("#mode")
 
 
+def draw_two_points(surgeon: Surgeon) -> tuple[float, float]:
+    """Begin a stroke on the skull; return the middle of the scene, which it goes about."""
+    x, y = middle(surgeon)
+    surgeon.button("Draw on the skull").click()
+    mode(surgeon).wait_for()
+    surgeon.page.mouse.click(x - 80, y)
+    wait_for(lambda: "/drawing/points" in surgeon.nodes(), "the first point")
+    surgeon.page.mouse.click(x + 80, y + 20)
+    wait_for(lambda: "/drawing/line" in surgeon.nodes(), "the line")
+    return x, y
+
+
 @pytest.fixture(scope="module")
 def at_surface(surgeon: Surgeon) -> Surgeon:
     surgeon.open_step("Surface")
@@ -79,13 +91,7 @@ def test_the_stroke_grows_in_the_scene_while_the_pointer_sweeps(at_surface: Surg
 
 def test_a_drawn_line_stays_until_the_pointer_has_followed_it(at_surface: Surgeon) -> None:
     surgeon = at_surface
-    x, y = middle(surgeon)
-    surgeon.button("Draw on the skull").click()
-    mode(surgeon).wait_for()
-    surgeon.page.mouse.click(x - 80, y)
-    wait_for(lambda: "/drawing/points" in surgeon.nodes(), "the first point")
-    surgeon.page.mouse.click(x + 80, y + 20)
-    wait_for(lambda: "/drawing/line" in surgeon.nodes(), "the line")
+    x, y = draw_two_points(surgeon)
     surgeon.page.mouse.click(x + 80, y + 90)
     surgeon.frame.get_by_text("3 points in 1 stroke so far").wait_for()
     surgeon.button("Undo last point").click()
@@ -100,18 +106,11 @@ def test_a_drawn_line_stays_until_the_pointer_has_followed_it(at_surface: Surgeo
 
 def test_a_line_that_is_drawn_outlives_the_connection_and_the_page(at_surface: Surgeon) -> None:
     surgeon = at_surface
-    drawn = "2 points in 1 stroke so far"
-    x, y = middle(surgeon)
-    surgeon.button("Draw on the skull").click()
-    mode(surgeon).wait_for()
-    surgeon.page.mouse.click(x - 80, y)
-    wait_for(lambda: "/drawing/points" in surgeon.nodes(), "the first point")
-    surgeon.page.mouse.click(x + 80, y + 20)
-    surgeon.frame.get_by_text(drawn).wait_for()
+    draw_two_points(surgeon)
     for connect_anew in (lambda: surgeon.frame.evaluate("() => location.reload()"), surgeon.come):
         with surgeon.page.expect_event("websocket"):
             connect_anew()
-        surgeon.frame.get_by_text(drawn).wait_for()
+        surgeon.frame.get_by_text("2 points in 1 stroke so far").wait_for()
         wait_for(lambda: "/drawing/line" in surgeon.nodes(), "the line")
         mode(surgeon).wait_for()
     surgeon.button("Finish stroke").click()

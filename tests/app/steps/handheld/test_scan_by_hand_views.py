@@ -33,6 +33,7 @@ from rona_core.errors import InvalidInputError, StepBlockedError
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
 from rona_core.ultrasound.detection.detect import NOMINAL_SPEED_MM_PER_US
+from tests.helpers.tracks import track_rows
 
 GAP = slice(40, 70)  # A-scans at which the tracker does not see the probe
 
@@ -47,13 +48,7 @@ def bench():
     first, last = capture.scans.times_s[[GAP.start, GAP.stop - 1]]
     track = capture.marker
     seen = (track.times_s < first - 0.03) | (track.times_s > last + 0.03)
-    gone = replace(
-        track,
-        frame_numbers=track.frame_numbers[seen],
-        times_s=track.times_s[seen],
-        Ts_tracker_marker=track.Ts_tracker_marker.select(seen),
-        rms_error_mm=track.rms_error_mm[seen],
-    )
+    gone = track_rows(track, seen)
     session = handle(StoreCapture("sono_scan", replace(capture, marker=gone)), made.session)
     made.close()
     made = new_workbench(session)
