@@ -1,9 +1,12 @@
 """Streams of a tracker for tests: seen and unseen tools, uneven times, all digits in use."""
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rona_core.devices.samples import ToolSample, TrackerFrame
+from rona_core.devices.samples import ToolSample, ToolTrack, TrackerFrame
+from rona_core.geometry.arrays import Bools, Ints
 from rona_core.geometry.pose import Pose
 
 HIDDEN = ("out_of_volume", "out_of_view", "too_few_markers", "covered")
@@ -45,3 +48,14 @@ def same_frames(a, b):
             ):
                 return False
     return True
+
+
+def track_rows(track: ToolTrack, rows: Bools | Ints) -> ToolTrack:
+    """Return a track with these of its rows (k,) alone, as if the others had not been seen."""
+    return replace(
+        track,
+        frame_numbers=track.frame_numbers[rows],
+        times_s=track.times_s[rows],
+        Ts_tracker_marker=track.Ts_tracker_marker.select(rows),
+        rms_error_mm=track.rms_error_mm[rows],
+    )

@@ -16,7 +16,7 @@ from rona_core.evaluation.navigation_metrics import tip_errors
 from rona_core.evaluation.truth import truth_of
 from rona_core.session.document import Session
 from rona_core.virtual.tracker.marker_error import SPECS
-from tests.helpers.tracks import track_rows
+from tests.helpers.recordings import track_rows
 
 KEYS = (
     "tool_tip_sigma_mm",

@@ -33,7 +33,7 @@ from rona_core.errors import InvalidInputError, StepBlockedError
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
 from rona_core.ultrasound.detection.detect import NOMINAL_SPEED_MM_PER_US
-from tests.helpers.tracks import track_rows
+from tests.helpers.recordings import track_rows
 
 GAP = slice(40, 70)  # A-scans at which the tracker does not see the probe
 
