@@ -1,9 +1,10 @@
 // Which of the two is in sight: the start page, at /, or the session, at /session.
 
 import { $, follow, program, tell } from "./base.js";
-import { viewer } from "./link.js";
+import { link, viewer } from "./link.js";
 
 const SESSION = "/session";
+const CONNECT_MS = 6000; // the viewer gives up a connection after 5 s
 
 function put(name) {
   if (document.body.dataset.view === name) return;
@@ -15,12 +16,30 @@ function put(name) {
   tell("shown", name);
 }
 
-// The viewer connects only while it has the focus.
-function wakeViewer() {
-  if (document.body.dataset.view === "session" && !document.querySelector("dialog[open]")) viewer.contentWindow?.focus();
+// The viewer connects once it is loaded, without the focus; when that has failed it tries again only
+// while it has the focus. A focus that comes meanwhile would give up the connection being made, and
+// what was clicked on it.
+let connecting = 0; // timer
+
+function awaitConnection() {
+  clearTimeout(connecting);
+  connecting = setTimeout(connected, CONNECT_MS);
 }
 
-viewer.addEventListener("load", wakeViewer);
+function connected() {
+  clearTimeout(connecting);
+  connecting = 0;
+  if ([document.body, viewer].includes(document.activeElement)) wakeViewer();
+}
+
+function wakeViewer() {
+  if (connecting || document.body.dataset.view !== "session" || document.querySelector("dialog[open]")) return;
+  viewer.contentWindow?.focus();
+}
+
+awaitConnection();
+viewer.addEventListener("load", () => { if (!link.view) awaitConnection(); });
+follow("linked", connected);
 for (const dialog of document.querySelectorAll("dialog")) {
   dialog.addEventListener("close", () => { if (document.activeElement === document.body) wakeViewer(); });
 }

@@ -2,6 +2,7 @@
 
 import re
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,13 @@ SCALE = """(p) => {
   return height / 2000 * m.camera.projectionMatrix.elements[5] / depth;
 }"""
 UNFOLDED = "(title) => title.nextElementSibling.style.overflow !== 'hidden'"
+HEARD = """() => {
+  window.heard = [];
+  for (const kind of ['pointerdown', 'pointerup', 'click', 'blur']) {
+    window.addEventListener(kind, ({ target }) => window.heard.push(
+      `${kind} on ${target.tagName} ${target.textContent?.trim().slice(0, 20)}`), true);
+  }
+}"""
 CAMERA = "() => window.__viserMutable.camera.matrixWorld.elements.map((e) => e.toFixed(4)).join()"
 
 
@@ -170,3 +178,18 @@ def unfold(surgeon: Surgeon, name: str) -> None:
     title = surgeon.frame.get_by_text(name, exact=True).filter(visible=True).first
     title.click()
     wait_for(lambda: title.evaluate(UNFOLDED), f"{name} to unfold")  # what moves is missed
+
+
+def choose_file(surgeon: Surgeon, name: str, file: Path) -> None:
+    """Click a button that asks for a file, and choose one."""
+    button = surgeon.button(name)
+    surgeon.frame.evaluate(HEARD)
+    try:
+        with surgeon.page.expect_file_chooser() as chooser:
+            button.click()
+        chosen = chooser.value
+    except Exception as error:
+        heard, enabled = surgeon.frame.evaluate("() => window.heard"), button.is_enabled()
+        told = f"heard {heard}, enabled {enabled}, connections {surgeon.connections}"
+        raise AssertionError(f"{name} asks for no file: {told}") from error
+    chosen.set_files(file)

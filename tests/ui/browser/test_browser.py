@@ -296,9 +296,7 @@ def with_skull_c(surgeon: Surgeon) -> None:
     if not file.is_file():
         pytest.skip(f"{file.name} is not there: set RONA_SHARED to the folder that holds data/")
     hand.unfold(surgeon, "Load a skull")
-    with surgeon.page.expect_file_chooser() as chooser:
-        surgeon.button("Load skull file").click()
-    chooser.value.set_files(file)
+    hand.choose_file(surgeon, "Load skull file", file)
     wait_for(lambda: surgeon.field("Skull").input_value() == "From a file", "the skull")
     surgeon.wait_idle()
 

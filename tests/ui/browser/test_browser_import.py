@@ -8,7 +8,9 @@ import pytest
 
 from rona_core.devices.files.poses.igs_mha import read_igs_mha
 from tests.helpers.pivot_data import TIP, poses, rows_file
-from tests.helpers.ui.browser_driver import Surgeon, running_server, wait_for
+from tests.helpers.ui import hand
+from tests.helpers.ui.browser_driver import Surgeon, running_server
+from tests.helpers.ui.clicks import new_session
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
@@ -24,17 +26,14 @@ def test_a_pivot_is_imported_and_what_was_imported_is_downloaded(
     surgeon: Surgeon, tmp_path: Path
 ) -> None:
     frame, page = surgeon.frame, surgeon.page
-    surgeon.menu("sessionbutton", "New session")
-    wait_for(lambda: surgeon.states()[1:3] == ["ready", "ready"], "a new session")
+    new_session(surgeon)
 
     made, _ = poses(n=60, sigma_mm=0.1)
     file = tmp_path / "pivot.csv"
     file.write_bytes(rows_file(made).data)
     surgeon.open_step("Pointer")
-    frame.locator("text=Import recording >> visible=true").click()
-    with page.expect_file_chooser() as chooser:
-        surgeon.button("Choose file").click()
-    chooser.value.set_files(file)
+    hand.unfold(surgeon, "Import recording")
+    hand.choose_file(surgeon, "Choose file", file)
     surgeon.wait_state("Pointer", "done")
     note = frame.get_by_text("Tip at (").inner_text()
     found = [float(part) for part in note.partition("(")[2].partition(")")[0].split(",")]

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from tests.helpers.ui import hand
 from tests.helpers.ui.browser_driver import PAUSE_S, Surgeon, put, retype, shows, wait_for
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
@@ -151,7 +152,7 @@ def beside(field: Any) -> Any:
 def test_texts_components_and_sliders_wait_for_their_end_too(surgeon: Surgeon) -> None:
     frame, keys = surgeon.frame, surgeon.page.keyboard
     surgeon.open_step("Set-up")
-    frame.get_by_text("Robot", exact=True).filter(visible=True).first.click()
+    hand.unfold(surgeon, "Robot")
     shift = surgeon.field("Base shift")
     parts = shift.locator("xpath=ancestor::div[contains(@class,'mantine-Flex-root')][1]//input")
     before = revision(surgeon)
