@@ -11,6 +11,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from rona_core.app.dependencies.head_reference import watch_head
+from rona_core.app.dependencies.staleness import made_of
 from rona_core.app.steps.scan.probe_poses import probe_poses_of
 from rona_core.evaluation.figures import Figures, rms
 from rona_core.evaluation.maps.map_metrics import cells, outer_errors_mm, thickness_errors_mm
@@ -20,7 +21,6 @@ from rona_core.geometry.arrays import Bools, Floats
 from rona_core.mapping.fitting.plate_field import fit_field
 from rona_core.mapping.map_grid import NEAR_MM
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.session.codec import digest
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import speed_at
 from rona_core.virtual.acoustics.medium import bone_medium, true_bone
 
@@ -68,7 +68,7 @@ def cause_figures(session: "Session", truth: Truth) -> Figures:
     if len(scan.scans) != n or not maps.outer_used[:n].any():
         return {}
     speeds, known = np.full(n, found.sound_speed_mm_per_us), results.speed
-    if known is not None and results.maps.inputs.get("speed") == digest(known.value):
+    if known is not None and made_of(results.maps, "speed", known.value):
         speeds = speed_at(known.value, maps.outer_points_base[:n])[0]
     first = _FirstPass(scan, found, maps, speeds, _led_back_mm(session, scan))
     return _outer(first, truth) | _thickness(first, truth)

@@ -6,9 +6,9 @@ was measured elsewhere.
 """
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from rona_core.app.dependencies.staleness import digest_of
+from rona_core.app.dependencies.staleness import made_of
 from rona_core.app.overview.predicted_accuracy import predicted_figures
 from rona_core.evaluation.error_causes import KEYS as CAUSE_KEYS
 from rona_core.evaluation.error_causes import cause_figures
@@ -184,7 +184,7 @@ def _navigation(session: "Session", truth: Truth) -> Figures:
     if results.surface is not None:
         strokes = session.captures.surface
         figures["surface_points"] = len(results.surface.value.points_base)
-        known = _made_of(results.surface, "capture", strokes)
+        known = made_of(results.surface, "capture", strokes)
         if not any(map(is_imported, strokes)):
             figures |= surface_figures(results.surface.value, strokes if known else (), truth)
             if results.registration is not None:
@@ -214,14 +214,9 @@ def _with_path_of_smoothing(session: "Session") -> "Session":
     )
     if smoothing is None or path is None or capture is None:
         return session
-    if _made_of(smoothing, "path", path.value) and _made_of(path, "capture", capture):
+    if made_of(smoothing, "path", path.value) and made_of(path, "capture", capture):
         return session
     return replace(session, captures=replace(session.captures, path=None))
-
-
-def _made_of(derived: Any, name: str, value: object) -> bool:
-    """Return whether a result was computed from this input."""
-    return derived.inputs.get(name) == digest_of(value)
 
 
 def _scan(session: "Session", truth: Truth) -> Figures:

@@ -4,12 +4,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rona_core.app.dependencies.staleness import made_of
 from rona_core.evaluation.figures import Figures
 from rona_core.evaluation.truth import Truth
 from rona_core.geometry.arrays import Floats, Ints
 from rona_core.path.temporal_filter import filter_path
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.session.codec import digest
 from rona_core.ultrasound.probe.probe_model import probe_model
 
 if TYPE_CHECKING:
@@ -31,10 +31,10 @@ def smoothing_figures(session: "Session") -> Figures:
         return figures
     value, kept = smoothing.value, smoothing.value.simplified.index
     figures["path_points_smoothed"] = len(kept)
-    if raw is None or smoothing.inputs.get("edits") != digest(session.path_edits):
+    if raw is None or not made_of(smoothing, "edits", session.path_edits):
         return figures  # its numbers count on other changes by hand
     if raw.message == PATTERN or len(session.path_edits):
-        if smoothing.inputs.get("path") == digest(raw.value):
+        if made_of(smoothing, "path", raw.value):
             figures["path_deviation_max_mm"] = float(value.from_filtered_mm.max())
             figures["path_deviation_raw_max_mm"] = float(value.from_raw_mm.max())
         return figures

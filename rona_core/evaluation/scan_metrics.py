@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rona_core.app.dependencies.staleness import digest_of
+from rona_core.app.dependencies.staleness import made_of
 from rona_core.app.steps.acoustics.thickness_uncertainty import at_speed_of_maps
 from rona_core.app.steps.scan.head_view import head_report
 from rona_core.app.steps.scan.probe_poses import probe_poses_of
@@ -65,11 +65,11 @@ def detected_passes(session: "Session") -> "list[tuple[Detection, tuple[ScanCapt
     """
     scan, passes = session.captures.scan, list["tuple[Detection, tuple[ScanCapture, ...]]"]()
     first, again = session.results.detection, session.results.second_detection
-    if scan is None or first is None or first.inputs.get("capture") != digest_of(scan):
+    if scan is None or first is None or not made_of(first, "capture", scan):
         return passes
     passes.append((first.value, (scan,)))
     further = session.captures.second
-    if again is not None and further and again.inputs.get("capture") == digest_of(further):
+    if again is not None and further and made_of(again, "capture", further):
         passes.append((again.value, further))
     poses = [[probe_poses_of(session, one) for one in scans] for _, scans in passes]
     return [

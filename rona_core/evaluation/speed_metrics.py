@@ -4,10 +4,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rona_core.app.dependencies.staleness import made_of
 from rona_core.evaluation.figures import Figures, rms
 from rona_core.evaluation.scan_metrics import WRONG_MM, true_probe_poses
 from rona_core.evaluation.truth import Truth
-from rona_core.session.codec import digest
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import speed_at
 from rona_core.virtual.acoustics.medium import bone_medium, true_bone
 
@@ -31,7 +31,7 @@ def speed_figures(session: "Session", truth: Truth) -> Figures:
     nominal = detection.value.sound_speed_mm_per_us
     used = np.full(len(ok), nominal)
     known = session.results.speed
-    if known is not None and maps.inputs.get("speed") == digest(known.value):
+    if known is not None and made_of(maps, "speed", known.value):
         used = speed_at(known.value, maps.value.outer_points_base[: len(ok)])[0]
     sure = ok & np.isfinite(true)
     if not sure.any():

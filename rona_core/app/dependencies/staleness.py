@@ -1,6 +1,7 @@
 """Staleness: whether the inputs of a result, or the set-up of a capture, have changed since."""
 
 from collections.abc import Callable
+from typing import Any
 
 from rona_core.app.declarations.declarations import Input
 from rona_core.app.declarations.registry import REGISTRY
@@ -11,7 +12,7 @@ from rona_core.errors import StepBlockedError
 from rona_core.robot.collision.obstacles import Obstacles
 from rona_core.session.captures import Capture, PointerCapture, is_imported
 from rona_core.session.codec import digest
-from rona_core.session.document import Session
+from rona_core.session.document import Derived, Session
 from rona_core.session.memo import Memo
 
 Part = Callable[[Session], list[object]]
@@ -65,6 +66,11 @@ def digest_of(value: object) -> str:
     if isinstance(value, tuple):
         return digest([digest(item) for item in value])
     return digest(value)
+
+
+def made_of(derived: Derived[Any] | None, name: str, value: object) -> bool:
+    """Return whether there is a result and its input of this name was this value."""
+    return derived is not None and derived.inputs.get(name) == digest_of(value)
 
 
 def session_obstacles(session: Session) -> Obstacles:

@@ -12,11 +12,11 @@ from numpy.typing import ArrayLike
 
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, as_floats, readonly
+from rona_core.ultrasound.acoustic_calibration.point_weights import LEAST_POINTS, weigh_points
 from rona_core.ultrasound.acoustic_calibration.speed_field import (
     PointSpeeds,
     SpeedField,
     field_covariance,
-    local_spread,
     speed_field,
 )
 from rona_core.ultrasound.acoustic_calibration.speed_prior import (
@@ -30,12 +30,9 @@ from rona_core.ultrasound.detection.detect import NOMINAL_SPEED_MM_PER_US
 CALIPER_MM = 0.1
 MAX_THICKNESS_MM = 30.0
 THIN_MM = 3.0  # below it a caliper's error is several per cent
-LEAST_POINTS = 3
-FREEDOM = 4.0  # of Student's t: how much a single outlier counts
 OUTLYING = 3.0  # standard deviations
 # A speed is good that is known to 1.5 %: on 6.5 mm of bone no more than a caliper's own 0.1 mm.
 GOOD_SHARE = 0.015
-ROUNDS = 10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,30 +102,18 @@ def calibrate_speed(
     speeds = 2.0 * d / lag
     measured = (2.0 * caliper / lag) ** 2 + (speeds / lag * timing) ** 2
     common = speeds / lag * prior.timing_us
-    expected = np.sqrt(measured + common**2 + prior.local_sd_mm_per_us**2)
-    weights, residuals = np.ones(len(d)), np.zeros(len(d))  # standardised
-    variances, found = measured, prior
-    mean = prior.mean_mm_per_us
-    for _ in range(ROUNDS if len(d) >= LEAST_POINTS else 1):
-        variances = measured + expected**2 * (1.0 / weights - 1.0)  # outliers count less
-        points = PointSpeeds(speeds, np.diag(variances) + np.outer(common, common), positions)
-        found = replace(prior, local_sd_mm_per_us=local_spread(points, prior))
-        mean = speed_field(points, found, None, None).region_mean
-        residuals = (speeds - mean) / expected
-        if len(d) >= LEAST_POINTS:  # weights of Student's t
-            weights = np.minimum((FREEDOM + 1.0) / (FREEDOM + residuals**2), 1.0)
-    points = PointSpeeds(speeds, np.diag(variances) + np.outer(common, common), positions)
-    whole = speed_field(points, found, None, region)
+    fit = weigh_points(speeds, measured, common, positions, prior)
+    whole = speed_field(fit.points, fit.prior, None, region)
     made = SpeedCalibration(
         speed_mm_per_us=whole.region_mean,
         sigma_mm_per_us=float(np.sqrt(whole.region_variance)),
-        local_sd_mm_per_us=found.local_sd_mm_per_us,
+        local_sd_mm_per_us=fit.prior.local_sd_mm_per_us,
         point_speeds_mm_per_us=readonly(speeds),
         residuals_mm=readonly(whole.region_mean * lag / 2.0 - d),
-        strangeness=readonly(residuals),
-        weights=readonly(weights),
+        strangeness=readonly(fit.residuals),
+        weights=readonly(fit.weights),
         positions_mm=None if positions is None else readonly(positions),
-        variances=readonly(variances),
+        variances=readonly(fit.variances),
         prior=prior,
         verdict="good",
         reasons=(),

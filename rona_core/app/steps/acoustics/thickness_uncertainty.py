@@ -4,23 +4,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.dependencies.staleness import made_of, stale_reason
 from rona_core.app.steps.scan.probe_poses import probe_poses_of
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.arrays import Floats, Ints
 from rona_core.geometry.pose import Poses
 from rona_core.mapping.boundary_map import Maps
 from rona_core.mapping.build_maps import boundary_points
-from rona_core.session.codec import digest
 from rona_core.session.document import Session
 from rona_core.session.memo import remember
+from rona_core.ultrasound.acoustic_calibration.point_weights import LEAST_POINTS
 from rona_core.ultrasound.acoustic_calibration.reference_points import (
     ReferenceProposal,
     at_speed,
     propose_references,
 )
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
-    LEAST_POINTS,
     SpeedCalibration,
     speed_at,
     uncalibrated,
@@ -66,7 +65,7 @@ def speed_of_maps(session: Session, *, hand: bool = False) -> SpeedCalibration |
         return None
     if results.sono_maps is not None and hand and results.sono_maps.value.frame != "base":
         return None
-    return speed.value if maps.inputs.get("speed") == digest(speed.value) else None
+    return speed.value if made_of(maps, "speed", speed.value) else None
 
 
 def at_speed_of_maps(

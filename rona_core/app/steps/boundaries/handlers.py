@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.inputs import require_result
-from rona_core.app.dependencies.staleness import digest_of
+from rona_core.app.dependencies.staleness import made_of
 from rona_core.app.steps.acoustics.derivation import robot_probe, session_probe
 from rona_core.app.steps.boundaries.messages import ClearBoundaryCorrections, CorrectBoundary
 from rona_core.app.steps.handheld.derivation import NOT_SEEN, posed_scans, spread
@@ -36,7 +36,7 @@ def detection_of_scan(session: Session, scan: ScanName = "first") -> Detection |
     """
     derived = session.results.get(DETECTIONS[scan])
     capture = session.captures.get(CAPTURES[scan])
-    if derived is None or not capture or derived.inputs.get("capture") != digest_of(capture):
+    if derived is None or not capture or not made_of(derived, "capture", capture):
         return None
     found: Detection | None = derived.value
     if isinstance(capture, SonoCapture):

@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 from scipy.spatial import KDTree
 
-from rona_core.app.dependencies.staleness import digest_of, stale_reason
+from rona_core.app.dependencies.staleness import made_of, stale_reason
 from rona_core.app.steps.maps.accuracy.map_accuracy import CellSigma, MapAccuracy
 from rona_core.app.steps.maps.further_passes import usable_second
 from rona_core.app.steps.roll.plan_reasons import why_no_plan
@@ -195,7 +195,7 @@ def second_cells(session: Session) -> SecondCells | None:
     if derived is None or first is None or not usable_second(session):
         return None
     maps, n = derived.value, len(first.value)
-    of_it = derived.inputs.get("second") == digest_of(session.captures.second)
+    of_it = made_of(derived, "second", session.captures.second)
     if len(maps.inner_points_base) <= n or not of_it:
         return None
     into_map = maps.inner.T_base_map.inv()

@@ -6,11 +6,11 @@ the registration, and that part cancels. So all markers that were ever seen stan
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from rona_core.app.dependencies.base_reference import error_field
+from rona_core.app.dependencies.staleness import made_of
 from rona_core.app.steps.pointer.tracker_field import learned_field, pivot_motion
 from rona_core.app.steps.tool.derivation import repeating_parts
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
@@ -24,8 +24,7 @@ from rona_core.geometry.arrays import Floats, readonly
 from rona_core.geometry.pose import Poses
 from rona_core.geometry.pose_covariance import cross_matrices, point_jacobians
 from rona_core.session.captures import PointerCapture, ToolCapture
-from rona_core.session.codec import digest
-from rona_core.session.document import Derived, Session
+from rona_core.session.document import Session
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,15 +42,10 @@ class Evidence:
         held, results = session.captures, session.results
         return cls(
             session.setup.devices,
-            held.tool if _made_of(results.tool, held.tool) else None,
-            held.pointer if _made_of(results.pointer, held.pointer) else None,
+            held.tool if made_of(results.tool, "capture", held.tool) else None,
+            held.pointer if made_of(results.pointer, "capture", held.pointer) else None,
             held.surface,
         )
-
-
-def _made_of(made: Derived[Any] | None, capture: ToolCapture | PointerCapture | None) -> bool:
-    """Return whether a result was made of a capture, and not of one that it has replaced."""
-    return made is not None and made.inputs.get("capture") == digest(capture)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

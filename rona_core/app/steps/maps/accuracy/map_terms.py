@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
+from rona_core.app.dependencies.staleness import made_of
 from rona_core.app.steps.acoustics.thickness_uncertainty import speed_of_maps
 from rona_core.app.steps.maps.accuracy.echo_terms import (
     INTERPOLATION,
@@ -41,7 +42,6 @@ from rona_core.mapping.fitting.plate_field import (
     plate_through,
 )
 from rona_core.mapping.map_grid import NEAR_MM
-from rona_core.session.codec import digest
 from rona_core.session.document import Session
 from rona_core.session.memo import remember
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
@@ -155,7 +155,7 @@ _Cloud = tuple[SurfaceCloud, CloudPrior]
 def _cloud_of(session: Session) -> _Cloud | None:
     """Return the cloud that the maps were fused with; None where the session has another one."""
     maps, surface = session.results.maps, session.results.surface
-    if maps is None or surface is None or maps.inputs.get("surface") != digest(surface.value):
+    if surface is None or not made_of(maps, "surface", surface.value):
         return None
     return surface.value, cloud_prior(session)
 
