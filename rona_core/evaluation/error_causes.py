@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from rona_core.app.dependencies.head_reference import watch_head
-from rona_core.app.dependencies.staleness import made_of
+from rona_core.app.steps.acoustics.thickness_uncertainty import speed_of_maps
 from rona_core.app.steps.scan.probe_poses import probe_poses_of
 from rona_core.evaluation.figures import Figures, rms
 from rona_core.evaluation.maps.map_metrics import cells, outer_errors_mm, thickness_errors_mm
@@ -67,9 +67,9 @@ def cause_figures(session: "Session", truth: Truth) -> Figures:
     n = len(found)
     if len(scan.scans) != n or not maps.outer_used[:n].any():
         return {}
-    speeds, known = np.full(n, found.sound_speed_mm_per_us), results.speed
-    if known is not None and made_of(results.maps, "speed", known.value):
-        speeds = speed_at(known.value, maps.outer_points_base[:n])[0]
+    speeds, known = np.full(n, found.sound_speed_mm_per_us), speed_of_maps(session)
+    if known is not None:
+        speeds = speed_at(known, maps.outer_points_base[:n])[0]
     first = _FirstPass(scan, found, maps, speeds, _led_back_mm(session, scan))
     return _outer(first, truth) | _thickness(first, truth)
 

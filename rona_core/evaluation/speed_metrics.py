@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rona_core.app.dependencies.staleness import made_of
+from rona_core.app.steps.acoustics.thickness_uncertainty import speed_of_maps
 from rona_core.evaluation.figures import Figures, rms
 from rona_core.evaluation.scan_metrics import WRONG_MM, true_probe_poses
 from rona_core.evaluation.truth import Truth
@@ -30,9 +30,9 @@ def speed_figures(session: "Session", truth: Truth) -> Figures:
     true, depth = true_bone(poses, truth.scene, medium)
     nominal = detection.value.sound_speed_mm_per_us
     used = np.full(len(ok), nominal)
-    known = session.results.speed
-    if known is not None and made_of(maps, "speed", known.value):
-        used = speed_at(known.value, maps.value.outer_points_base[: len(ok)])[0]
+    known = speed_of_maps(session)
+    if known is not None:
+        used = speed_at(known, maps.value.outer_points_base[: len(ok)])[0]
     sure = ok & np.isfinite(true)
     if not sure.any():
         return {"sound_speed_error_percent": None, "scan_thickness_rms_mm": None}

@@ -23,10 +23,10 @@ let connecting = 0; // timer
 
 function awaitConnection() {
   clearTimeout(connecting);
-  connecting = setTimeout(connected, CONNECT_MS);
+  connecting = setTimeout(endWait, CONNECT_MS);
 }
 
-function connected() {
+function endWait() {
   clearTimeout(connecting);
   connecting = 0;
   if ([document.body, viewer].includes(document.activeElement)) wakeViewer();
@@ -39,7 +39,7 @@ function wakeViewer() {
 
 awaitConnection();
 viewer.addEventListener("load", () => { if (!link.view) awaitConnection(); });
-follow("linked", connected);
+follow("linked", endWait);
 for (const dialog of document.querySelectorAll("dialog")) {
   dialog.addEventListener("close", () => { if (document.activeElement === document.body) wakeViewer(); });
 }

@@ -1,4 +1,4 @@
-"""Weights of reference points: an outlier counts less, as under Student's t."""
+"""Weights of reference points: an outlier counts less, as under Student's t (Lange 1989)."""
 
 from dataclasses import dataclass, replace
 
