@@ -9,6 +9,7 @@
 #   make profile      CPU time of a procedure by steps and functions (SEED=3, KEEP=1)
 #   make results      run the procedure over seeds and skulls and write docs/results.md
 #   make honesty      hold every predicted error against the truth and write docs/honesty.md (FULL=1)
+#   make reliability kills, cuts, floods, broken files, two programs on one file (FULL=1)
 #   make accuracy     how wrong and how honest the boundary maps are, what fusion brings (FULL=1)
 #   make demo         the whole procedure in the terminal, without a browser (SEED=3)
 #   make demo-session  make sessions/demo.rona anew
@@ -24,7 +25,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help run test test-all mutants gallery api check bench viewers profile results honesty accuracy demo demo-session pictures animation screens constraints clean venv product browser
+.PHONY: help run test test-all mutants gallery api check bench viewers profile results honesty reliability accuracy demo demo-session pictures animation screens constraints clean venv product browser
 
 PYTHON ?= python3
 VENV := .venv
@@ -41,6 +42,8 @@ COMPILED := PYTHONDONTWRITEBYTECODE=
 # the others take the files first that took longest in the last run (tests/conftest.py)
 IN_FILES := --dist loadfile --no-loadscope-reorder
 EXAMPLES ?= 1
+# suites of `make reliability`
+RELIABILITY := kills
 # seconds: stops a run that hangs
 TEST_LIMIT ?= 3600
 
@@ -159,6 +162,9 @@ honesty: $(VENV)/.product
 
 accuracy: $(VENV)/.product
 	$(ONE_THREAD) $(BIN)/python -m benchmarks accuracy $(if $(FULL),--full)
+
+reliability: $(VENV)/.product
+	$(ONE_THREAD) $(BIN)/python -m benchmarks $(RELIABILITY) --gate $(if $(FULL),--full)
 
 constraints: $(BIN)/python
 	@rm -rf build/constraints && $(PYTHON) -m venv build/constraints

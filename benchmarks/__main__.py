@@ -39,7 +39,7 @@ SUITES: Mapping[str, str] = {
     "volume": "ultrasound",
     "start": "procedure",
     "viewer": "procedure",
-    "kills": "procedure",
+    "kills": "reliability",
     "procedure": "procedure",
     "mounting": "procedure",
     "head_motion": "procedure",

@@ -172,10 +172,10 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
         "suites.procedure.viewer.IDLE_S": 0.5,
     },
     "kills": {
-        "suites.procedure.kills.KILLS": 1,
-        "suites.procedure.kills.ENDS": 1,
-        "suites.procedure.kills.BUSY": (True,),
-        "suites.procedure.kills.KILLED": ("worker and resource tracker",),
+        "suites.reliability.kills.KILLS": 1,
+        "suites.reliability.kills.ENDS": 1,
+        "suites.reliability.kills.BUSY": (True,),
+        "suites.reliability.kills.KILLED": ("worker and resource tracker",),
     },
     "procedure": {
         "suites.procedure.procedure.SEEDS": (0,),
