@@ -13,7 +13,7 @@ from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.steps.implant.bone_left import bone_left_mm, bone_over_bed
 from rona_core.app.steps.implant.export import MOTIONS, NAMES, export_bed, offered
 from rona_core.app.steps.implant.messages import PlanMilling
-from rona_core.app.steps.implant.milling_derivation import robot_path_of
+from rona_core.app.steps.implant.milling_derivation import milling_model, robot_path_of
 from rona_core.app.steps.implant.milling_motion import (
     layer_at,
     milling_duration_s,
@@ -60,8 +60,9 @@ def with_plan(session, plan):
 
 def test_the_demo_is_milled_with_a_certificate_for_what_stands_around(milled):
     plan, path = milling_plan_of(milled), robot_path_of(milling_view(milled)).cutting
-    around = milling_obstacles(session_obstacles(milled), path).digest()
-    assert plan.certificate.certifies(plan.trajectory, around)
+    around = milling_obstacles(session_obstacles(milled), path)
+    model = milling_model(milled, milling_view(milled))
+    assert plan.certificate.certifies(plan.trajectory, model, around)
     assert "certified" in milling_verdict(plan)
     assert milling_summary(plan) in step_states(milled)[-1].reason
     assert step_states(milled)[-1].state == "done"
