@@ -30,7 +30,11 @@ def milling_plan_of(session: Session) -> MillingPlan | None:
 @remember(4)  # sessions never change, and the replay asks many times a second
 def milling_stale(session: Session) -> str | None:
     """Return why the planned milling counts no more, None while it does: then it may be drawn."""
-    return stale_reason("milling", session)
+    reason, plan = stale_reason("milling", session), milling_plan_of(session)
+    certificate = None if plan is None else plan.certificate
+    if reason is not None or certificate is None or not certificate.robot:
+        return reason
+    return certificate.other_robot(milling_model(session, milling_view(session)))
 
 
 def require_certified(session: Session) -> tuple[MillingPlan, Trajectory]:
