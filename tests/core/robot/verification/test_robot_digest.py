@@ -17,6 +17,7 @@ from rona_core.robot.collision.collision_world import CollisionWorld
 from rona_core.robot.collision.obstacles import NOTHING_AROUND
 from rona_core.robot.kinematics.catalog import KNOWN, robot_model
 from rona_core.robot.kinematics.milling_tool import Spindle
+from rona_core.robot.kinematics.pinocchio_model import pinocchio_model
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.kinematics.rx90 import rx90
 from rona_core.robot.kinematics.universal_robots import ur, urdf_path
@@ -149,6 +150,22 @@ def test_another_collision_body_gives_another_digest(monkeypatch):
     for number, other in enumerate(others):
         monkeypatch.setattr(module, "collision_bodies", lambda _, other=other: other)
         assert robot_digest.__wrapped__(model) != digest, number
+
+
+@every_robot
+def test_each_joint_of_the_verifiers_model_counts(monkeypatch, name):
+    """It is read from the maker's file, which may say something else than the planner's lengths."""
+    model = robot_model(name)
+    digest = robot_digest(model)
+    for joint in range(1, 7):
+        built, flange = pinocchio_model(model)
+        built.jointPlacements[joint].translation += 1e-3 * COUNTS_MM * np.eye(3)[joint % 3]
+        monkeypatch.setattr(module, "pinocchio_model", lambda _, b=built, f=flange: (b, f))
+        assert robot_digest.__wrapped__(model) != digest, joint
+    built, flange = pinocchio_model(model)
+    built.frames[flange].placement.translation += 1e-3 * COUNTS_MM * np.ones(3)
+    monkeypatch.setattr(module, "pinocchio_model", lambda _: (built, flange))
+    assert robot_digest.__wrapped__(model) != digest
 
 
 @every_robot
