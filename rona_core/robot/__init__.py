@@ -1,12 +1,13 @@
 """The robot: kinematics, the search over the free roll, verification and timing."""
 
-from rona_core.robot.collision.obstacles import Obstacles
+from rona_core.robot.collision.obstacles import NOTHING_AROUND, Obstacles
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.plan import RobotPlan
 from rona_core.robot.planning.plan_scan import plan_scan
 from rona_core.robot.verification.verifier import Tolerances, verify_motion, verify_scan
 
 __all__ = [
+    "NOTHING_AROUND",
     "Obstacles",
     "RobotPlan",
     "Tolerances",

@@ -40,14 +40,6 @@ class ConvexBody:
     vertices: Floats  # (n, 3) mm, in that frame
 
 
-# Parts two joints or more apart that the maker's build or joint limits keep from each other.
-HELD_APART = {
-    "rx90": (("forearm", "flange"),),
-    "ur5": (("forearm", "wrist 2"),),  # whose wrist passes beside the forearm
-    "ur10": (("forearm", "wrist 2"),),
-}
-
-
 @lru_cache(maxsize=4)
 def collision_bodies(model: RobotModel) -> tuple[ConvexBody, ...]:
     """Return bodies that contain the robot and its tool, base first.

@@ -15,7 +15,6 @@ from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.robot.collision.coal_geometry import Bodies, Pair
 from rona_core.robot.collision.collision_geometry import (
     DELAY_LINE,
-    HELD_APART,
     PROBE,
     PROBE_BODY,
     TOUCHING,
@@ -218,13 +217,12 @@ class CollisionWorld:
 @lru_cache(maxsize=4)
 def _own_pairs(model: RobotModel) -> tuple[tuple[str, str], ...]:
     """Return which parts of the robot can meet: two joints apart at least, and not held apart."""
-    held = HELD_APART.get(model.name, ())
     parts = [body for body in collision_bodies(model) if body.name not in (DELAY_LINE, PROBE_BODY)]
     candidates = [
         (a, b)
         for i, a in enumerate(parts)
         for b in parts[i + 1 :]
-        if b.link - a.link >= 2 and (a.name, b.name) not in held
+        if b.link - a.link >= 2 and (a.name, b.name) not in model.held_apart
     ]
     near = _ever_near(model, candidates)
     return tuple(

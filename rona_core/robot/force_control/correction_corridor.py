@@ -20,6 +20,7 @@ from rona_core.robot.kinematics.pinocchio_model import PinocchioArm
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.trajectory.trajectory import Trajectory, motion_digest
 from rona_core.robot.verification.certificate import Certificate, Check
+from rona_core.robot.verification.robot_digest import robot_digest
 
 LEVELS = 5  # corrections at which the joint angles are kept, odd: the middle is the motion itself
 NARROWEST_MM = 3.0  # with less, neither set point nor map error fits in
@@ -58,7 +59,7 @@ def correction_corridor(
         model: The robot with its tool.
         trajectory: The certified motion of the scan.
         settings: How far the correction may go.
-        world: Robot, tool and what stands around them; None looks at no collisions.
+        world: Robot, tool and what stands around them; None: the robot alone.
 
     Raises:
         NotReachableError: not even the narrowest band holds; it says what stops it.
@@ -102,17 +103,18 @@ def band_is_safe(
             )
             reached &= valid
     checks = [*_joint_checks(band, reached), *_probe_checks(band)]
-    if world is not None:
-        checks.append(_touch_check(band, world))
+    world = world or CollisionWorld(model)
+    checks.append(_touch_check(band, world))
     qs = np.repeat(trajectory.qs_rad[:, None, :], LEVELS, axis=1)
     qs[samples] = band.qs_rad
-    around = "" if world is None else world.obstacles.digest()
+    around, robot = world.obstacles.digest(), robot_digest(model)
     certificate = Certificate(
         model.name,
         all(check.holds for check in checks),
         tuple(checks),
-        motion_digest(model.name, trajectory.times_s, qs, around),
+        motion_digest(robot, trajectory.times_s, qs, around),
         obstacles=around,
+        robot=robot,
     )
     return CorrectionCorridor(
         trajectory.times_s, readonly(band.travels_mm), readonly(qs), guided, certificate

@@ -12,6 +12,8 @@ import numpy as np
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, as_floats
 
+SAME_TYPE_MM = 3.0  # arms of one type differ by tenths of a millimetre, types by centimetres
+
 Trust = Literal["drawing", "two sources", "one source", "description", "assumed", "given"]
 
 
@@ -65,6 +67,12 @@ def overridden(
         else f
         for f in figures
     )
+
+
+def of_one_type(lengths_mm: Sequence[float], others_mm: Sequence[float]) -> bool:
+    """Return whether two arms of one build, by their lengths, are of the same type."""
+    pairs = zip(lengths_mm, others_mm, strict=True)
+    return all(abs(length - other) <= SAME_TYPE_MM for length, other in pairs)
 
 
 def arrays_of(figures: Sequence[Figure]) -> dict[str, Floats]:

@@ -29,6 +29,7 @@ class Tool:
     T_flange_tip: Pose
     T_flange_probe: Pose
     T_flange_toolmarker: Pose
+    mass_kg: float = 0.2  # of all that hangs on the force sensor; assumed, a scan weighs it
     spindle: Spindle | None = None  # clamped in place of the probe; None: the probe is
     burr_offset_tip: Place = (0.0, 0.0, 0.0)  # of its tip off the drawing, as it was registered
 
@@ -68,6 +69,8 @@ class RobotModel:
     limits: JointLimits
     home_rad: Floats  # (6,) where the robot rests, tool down and clear of the head
     tool: Tool
+    # parts two joints or more apart that the build or the joint limits keep from each other
+    held_apart: tuple[tuple[str, str], ...] = ()
     work_area: WorkArea = field(default_factory=WorkArea)
     urdf: str | None = None  # path of the maker's description, where there is one
 

@@ -5,12 +5,13 @@ so that whoever has the real robot can put in better ones. See docs/algorithms/r
 """
 
 from collections.abc import Mapping
+from dataclasses import astuple, fields
 
 import numpy as np
 
-from rona_core.geometry.arrays import readonly
+from rona_core.geometry.arrays import Floats, readonly
 from rona_core.robot.kinematics.joint_limits import JointLimits
-from rona_core.robot.kinematics.parameter_sources import Figure, arrays_of, overridden
+from rona_core.robot.kinematics.parameter_sources import Figure, arrays_of, of_one_type, overridden
 from rona_core.robot.kinematics.robot_model import (
     TOOL_TIP_FLANGE_MM,
     RobotModel,
@@ -23,6 +24,7 @@ LIMITS = "rx90l.py of dimpap5555/Staubli-RX90L-Simulator; luismarzo/rx90 agrees 
 SPEEDS = "joint_limits.yaml of luismarzo/rx90; the smaller of two sets in circulation"
 NONE_FOUND = "no source found; chosen well below what arms of this size do"
 CHOSEN = "tool perpendicular to the flange as in Figure 1 of the paper; lengths chosen"
+OTHER = "arm built like an rx90"
 RESTING = "tool pointing down, above the working space"
 
 PROVENANCE = (
@@ -71,20 +73,17 @@ def rx90(overrides: Mapping[str, object] | None = None) -> RobotModel:
     """Return the RX90 with the tool of the paper: perpendicular to the flange.
 
     Args:
-        overrides: Better figures by the keys of ``PROVENANCE``.
+        overrides: Better figures by the keys of ``PROVENANCE``. An arm with lengths of another type
+            is named ``OTHER``.
 
     Raises:
         InvalidInputError: an unknown key, or values that make no robot.
     """
     values = arrays_of(overridden(PROVENANCE, overrides))
+    arm, drawn = _arm(values), _arm(arrays_of(PROVENANCE))
     return RobotModel(
-        name="rx90",
-        arm=SphericalWristArm(
-            shoulder_mm=float(values["shoulder_mm"][0]),
-            upper_arm_mm=float(values["upper_arm_mm"][0]),
-            forearm_mm=float(values["forearm_mm"][0]),
-            flange_mm=float(values["flange_mm"][0]),
-        ),
+        name="rx90" if of_one_type(astuple(arm), astuple(drawn)) else OTHER,
+        arm=arm,
         limits=JointLimits(
             lower_rad=np.deg2rad(values["lower_deg"]),
             upper_rad=np.deg2rad(values["upper_deg"]),
@@ -93,4 +92,10 @@ def rx90(overrides: Mapping[str, object] | None = None) -> RobotModel:
         ),
         home_rad=readonly(np.deg2rad(values["home_deg"])),
         tool=perpendicular_tool(values["tip_flange_mm"]),
+        held_apart=(("forearm", "flange"),),
     )
+
+
+def _arm(values: Mapping[str, Floats]) -> SphericalWristArm:
+    lengths = {field.name: float(values[field.name][0]) for field in fields(SphericalWristArm)}
+    return SphericalWristArm(**lengths)

@@ -6,6 +6,7 @@ Accelerations are assumed, as the file has none. See docs/algorithms/robot/unive
 
 import sys
 from collections.abc import Mapping
+from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import readonly
 from rona_core.robot.kinematics.joint_limits import JointLimits
 from rona_core.robot.kinematics.offset_wrist import ParallelArm
-from rona_core.robot.kinematics.parameter_sources import Figure, arrays_of, overridden
+from rona_core.robot.kinematics.parameter_sources import Figure, arrays_of, of_one_type, overridden
 from rona_core.robot.kinematics.pinocchio_model import MM_PER_M, read_urdf
 from rona_core.robot.kinematics.robot_model import (
     TOOL_TIP_FLANGE_MM,
@@ -68,16 +69,20 @@ def ur(
     Args:
         name: ``ur5`` or ``ur10``.
         overrides: Better figures by the keys of ``provenance``.
-        urdf: A description of the same build with other lengths.
+        urdf: A description of the same build. Where its lengths are those of another type, the
+            arm is named after the file; limits of acceleration, home and work area stay those of
+            ``name``, assumed.
 
     Raises:
         InvalidInputError: no usable description, or an override is no good.
     """
-    path = urdf_path(name) if urdf is None else Path(urdf)
+    own = urdf_path(name)
+    path = own if urdf is None else Path(urdf)
+    arm, drawn = parallel_arm(path), parallel_arm(own)
     values = arrays_of(overridden(provenance(name, path), overrides))
     return RobotModel(
-        name=name,
-        arm=parallel_arm(path),
+        name=name if of_one_type(astuple(arm), astuple(drawn)) else f"arm of {path.name}",
+        arm=arm,
         limits=JointLimits(
             lower_rad=np.deg2rad(np.maximum(values["lower_deg"], values["room_lower_deg"])),
             upper_rad=np.deg2rad(np.minimum(values["upper_deg"], values["room_upper_deg"])),
@@ -86,6 +91,7 @@ def ur(
         ),
         home_rad=readonly(np.deg2rad(values["home_deg"])),
         tool=perpendicular_tool(values["tip_flange_mm"]),
+        held_apart=(("forearm", "wrist 2"),),  # the wrist passes beside the forearm
         work_area=WORK_AREAS[name],
         urdf=str(path),
     )
@@ -115,7 +121,9 @@ def provenance(name: str, path: str | Path) -> tuple[Figure, ...]:
         InvalidInputError: the file cannot be read, or describes an arm of another build.
     """
     arm, (described, _) = parallel_arm(path), read_urdf(path)
-    source = f"{Path(path).name} of example-robot-data"
+    source = Path(path).name
+    if Path(path) == urdf_path(name):
+        source += f" of {PACKAGE}"
     lengths = [
         Figure(words, "", (getattr(arm, field),), "mm", "description", source)
         for words, field in (

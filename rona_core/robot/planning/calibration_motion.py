@@ -17,7 +17,7 @@ from rona_core.geometry.arrays import Floats, Ints, as_vector3, readonly
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.robot.collision.collision_world import CollisionWorld, require_clear
 from rona_core.robot.collision.edge_check import Clear
-from rona_core.robot.collision.obstacles import Obstacles
+from rona_core.robot.collision.obstacles import NOTHING_AROUND, Obstacles
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.redundancy.margins import MarginLimits, compute_margins
 from rona_core.robot.trajectory.joint_moves import clear_move, sample_times
@@ -77,7 +77,7 @@ def plan_tool_motion(
     *,
     tip_base: ArrayLike | None = None,
     facing_base: ArrayLike | None = None,
-    obstacles: Obstacles | None = None,
+    obstacles: Obstacles = NOTHING_AROUND,
 ) -> ToolMotion:
     """Plan the calibration motion of the tool, from home and back.
 
@@ -89,8 +89,7 @@ def plan_tool_motion(
         settings: How far the tool is moved.
         tip_base: Where the tip pivots (3,), in ``base``; by default as the robot's work area says.
         facing_base: Horizontal direction (3,) in which the marker plate looks; likewise.
-        obstacles: All moves go around them, and the verifier checks collisions. None: no
-            collisions are checked.
+        obstacles: All moves go around them, and keep the robot clear of itself.
 
     Raises:
         InvalidInputError: a wrong shape, or a vertical ``facing_base``.
@@ -110,14 +109,12 @@ def plan_tool_motion(
     phases = np.repeat((PIVOT, ALONG_X, ALONG_Y), (n_pivot, n_translate, n_translate))
     legs = [_leg(a, b) for a, b in pairwise(stops)]
     qs_legs = _reach(model, legs)
-    clear = None
-    if obstacles is not None:
-        clear = CollisionWorld(model, obstacles).clear
-        require_clear(model, obstacles, model.home_rad, "rests")
-        q_stops = np.array([qs[0] for qs in qs_legs] + [qs_legs[-1][-1]])
-        for stop in np.flatnonzero(~clear(q_stops))[:1].tolist():
-            place = f"is to rest at place {stop + 1} of {len(q_stops)} (a smaller cone may help)"
-            require_clear(model, obstacles, q_stops[stop], place)
+    clear = CollisionWorld(model, obstacles).clear
+    require_clear(model, obstacles, model.home_rad, "rests")
+    q_stops = np.array([qs[0] for qs in qs_legs] + [qs_legs[-1][-1]])
+    for stop in np.flatnonzero(~clear(q_stops))[:1].tolist():
+        place = f"is to rest at place {stop + 1} of {len(q_stops)} (a smaller cone may help)"
+        require_clear(model, obstacles, q_stops[stop], place)
     qs, starts, ends = _samples(model, legs, qs_legs, settings.dwell_s, clear)
     motion = sampled_motion(qs)
     return ToolMotion(
@@ -136,7 +133,7 @@ def _samples(
     legs: list[Poses],
     qs_legs: list[Floats],
     dwell_s: float,
-    clear: Clear | None,
+    clear: Clear,
 ) -> tuple[Floats, Ints, Ints]:
     """Return samples (m, 6) from home through all stops and back, and those of each dwell.
 
@@ -156,7 +153,7 @@ def _samples(
         leg = q_stop[None][:0]
         if i < len(legs):
             leg = _drive(model, legs[i], qs_legs[i])
-            if clear is not None and not clear(leg).all():  # nobody measures on the way
+            if not clear(leg).all():  # nobody measures on the way
                 leg = clear_move(model, leg[0], leg[-1], clear)
             leg = leg[1:]
         parts += [stay, leg]

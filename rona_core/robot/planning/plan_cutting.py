@@ -8,7 +8,7 @@ import numpy as np
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.robot.collision.collision_world import CollisionWorld
 from rona_core.robot.collision.edge_check import Clear
-from rona_core.robot.collision.obstacles import Obstacles
+from rona_core.robot.collision.obstacles import NOTHING_AROUND, Obstacles
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.planning.plan import RobotPlan
 from rona_core.robot.planning.plan_scan import constant_candidates, first_certified
@@ -42,7 +42,7 @@ class CuttingPlanSettings:
     roll_from_deg: float = 0.0  # the first of them, over a full turn
     margin_limits: MarginLimits = WIDE
     cutting: CuttingSettings = field(default_factory=CuttingSettings)
-    obstacles: Obstacles | None = None  # None: no collisions are checked
+    obstacles: Obstacles = NOTHING_AROUND  # beside these the robot keeps clear of itself
 
 
 def plan_cutting(
@@ -82,8 +82,8 @@ def plan_cutting(
         progress=lambda share: progress(SEARCH_SHARE * share),
         cancel=cancel,
     )
-    world = None if settings.obstacles is None else CollisionWorld(model, settings.obstacles)
-    planner = _Planner(path, model, settings, None if world is None else world.clear)
+    world = CollisionWorld(model, settings.obstacles)
+    planner = _Planner(path, model, settings, world.clear)
     evaluation = remove_blocked_rolls(evaluation, world)
     plan = first_certified(planner.candidates(evaluation, progress))
     progress(1.0)
@@ -97,7 +97,7 @@ class _Planner:
     path: CuttingPath
     model: RobotModel
     settings: CuttingPlanSettings
-    clear: Clear | None
+    clear: Clear
 
     def candidates(self, evaluation: RollEvaluation, progress: Progress) -> Iterator[RobotPlan]:
         """Yield plans that have a motion, then one without."""

@@ -12,7 +12,7 @@ from rona_core.geometry.arrays import Floats
 from rona_core.geometry.path5d import Path5D, resample_path
 from rona_core.robot.collision.collision_world import CollisionWorld
 from rona_core.robot.collision.edge_check import Clear
-from rona_core.robot.collision.obstacles import Obstacles
+from rona_core.robot.collision.obstacles import NOTHING_AROUND, Obstacles
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.planning.plan import RobotPlan
 from rona_core.robot.redundancy.collision_filter import no_way, remove_blocked_rolls, remove_rolls
@@ -50,7 +50,7 @@ class PlanSettings:
     cost: RollCost = field(default_factory=RollCost)
     margin_limits: MarginLimits = field(default_factory=MarginLimits)
     scan: ScanSettings = field(default_factory=ScanSettings)
-    obstacles: Obstacles | None = None  # None: no collisions are checked
+    obstacles: Obstacles = NOTHING_AROUND  # beside these the robot keeps clear of itself
     preferred: ScanPostures | None = None  # constant rolls in these postures are tried first
 
     def __post_init__(self) -> None:
@@ -106,8 +106,8 @@ def plan_scan(
         progress=lambda share: progress(SEARCH_SHARE * share),
         cancel=cancel,
     )
-    world = None if settings.obstacles is None else CollisionWorld(model, settings.obstacles)
-    planner = _MotionPlanner(model, settings, None if world is None else world.clear)
+    world = CollisionWorld(model, settings.obstacles)
+    planner = _MotionPlanner(model, settings, world.clear)
     evaluation = remove_blocked_rolls(evaluation, world)
     candidates = _candidates(evaluation, planner, progress, cancel)
     plan = first_certified(candidates)
@@ -150,8 +150,7 @@ def choose_roll(
         branch is None or branch in possible,
         f"roll {index} can be followed on the branches {possible}, not on {branch}",
     )
-    obstacles = settings.obstacles
-    clear = None if obstacles is None else CollisionWorld(model, obstacles).clear
+    clear = CollisionWorld(model, settings.obstacles).clear
     return _MotionPlanner(model, settings, clear).constant(
         search, index, verdict.branch if branch is None else branch
     )
@@ -163,7 +162,7 @@ class _MotionPlanner:
 
     model: RobotModel
     settings: PlanSettings
-    clear: Clear | None  # tells for joint angles (n, 6) where nothing is touched
+    clear: Clear  # tells for joint angles (n, 6) where nothing is touched
 
     def constant(self, search: RollSearch, index: int, branch: int) -> RobotPlan:
         """Return the plan with a constant roll; raise NotReachableError where none is possible."""

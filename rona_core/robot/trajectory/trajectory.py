@@ -44,9 +44,16 @@ def sampled_motion(qs_rad: Floats) -> Trajectory:
     )
 
 
-def motion_digest(model: str, times_s: Floats, qs_rad: Floats, obstacles: str = "") -> str:
-    """Return the SHA-256 of a motion, its robot and what stands around, as hexadecimal digits."""
-    digest = hashlib.sha256(f"{model}\n{obstacles}".encode())
+def motion_digest(robot: str, times_s: Floats, qs_rad: Floats, obstacles: str = "") -> str:
+    """Return the SHA-256 of a motion, its robot and what stands around, as hexadecimal digits.
+
+    Args:
+        robot: Digest of the robot.
+        times_s: Times (n,).
+        qs_rad: Joint angles (n, 6), or (n, m, 6) of a motion with m corrections.
+        obstacles: Digest of what stands around; "" where that was not looked at.
+    """
+    digest = hashlib.sha256(f"{robot}\n{obstacles}".encode())
     for array in (times_s, qs_rad):
         exact = np.ascontiguousarray(array, dtype="<f8")
         digest.update(str(exact.shape).encode())

@@ -1,8 +1,11 @@
 """What the verifier says of one motion: its checks, and the digest that ties it to that motion."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from rona_core.robot.collision.obstacles import Obstacles
+from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.trajectory.trajectory import TimedMotion, motion_digest
+from rona_core.robot.verification.robot_digest import robot_digest
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,24 +23,59 @@ class Check:
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """The verifier's word on one motion of one robot; worth nothing for any other motion."""
+    """The verifier's word on one motion of one robot; worth nothing for any other."""
 
-    model: str
+    model: str  # name of the robot, for people
     certified: bool
     checks: tuple[Check, ...]
-    digest: str  # of the motion, the name of the robot and what stood around
-    obstacles: str = ""  # digest of what stood around; "" where collisions were not looked at
+    digest: str  # of robot, motion and what stood around
+    obstacles: str = ""  # digest of what stood around; "" where that was not looked at
     min_clearance_mm: float | None = None  # least distance of any parts that must not touch
+    # digest of the robot; "" in files of versions whose certificates named it and no more
+    robot: str = field(default="", metadata={"omit_empty": True})
 
-    def certifies(self, motion: TimedMotion, obstacles: str | None = None) -> bool:
+    def belongs_to(self, motion: TimedMotion) -> bool:
         """Return whether this is the motion that was looked at, and everything held.
 
-        With the digest of what stands around now it must also have been looked at among that.
+        That is not enough to drive it: see ``certifies``.
         """
-        if obstacles is not None and self.obstacles != obstacles:
-            return False
-        digest = motion_digest(self.model, motion.times_s, motion.qs_rad, self.obstacles)
+        robot = self.robot or self.model
+        digest = motion_digest(robot, motion.times_s, motion.qs_rad, self.obstacles)
         return self.certified and self.digest == digest
+
+    def certifies(self, motion: TimedMotion, model: RobotModel, obstacles: Obstacles) -> bool:
+        """Return whether this robot may drive this motion among these things."""
+        return self.refusal(motion, model, obstacles) is None
+
+    def refusal(self, motion: TimedMotion, model: RobotModel, obstacles: Obstacles) -> str | None:
+        """Return why a robot may not drive a motion, and what to do; None where it may.
+
+        Args:
+            motion: The motion.
+            model: The robot that is to drive it, with the tool that it holds.
+            obstacles: What stands around it.
+        """
+        if failures := self.failures():
+            return "; ".join(check.sentence for check in failures)
+        other = self.other_robot(model)
+        if other is not None:
+            return other
+        if not obstacles.has_digest(self.obstacles):
+            return "the plan was verified among other obstacles: plan again"
+        if not self.belongs_to(motion):
+            return "the plan was verified for another motion: plan again"
+        return None
+
+    def other_robot(self, model: RobotModel) -> str | None:
+        """Return what to do where the motion was verified for another robot, else None."""
+        if not self.robot:
+            return "the plan was verified by a version that kept no robot with it: plan again"
+        if self.robot != robot_digest(model):
+            return (
+                f"the plan was verified for another robot than this {model.name} (its lengths, "
+                "limits, tool, bodies or pairs of bodies differ): plan again"
+            )
+        return None
 
     def failures(self) -> tuple[Check, ...]:
         """Return what did not hold."""
@@ -46,4 +84,4 @@ class Certificate:
 
 def is_certified(motion: TimedMotion | None, certificate: Certificate | None) -> bool:
     """Return whether there is a motion, and a certificate of it in which everything held."""
-    return motion is not None and certificate is not None and certificate.certifies(motion)
+    return motion is not None and certificate is not None and certificate.belongs_to(motion)

@@ -58,7 +58,8 @@ def verify_cutting(
         trajectory: The motion with the way along the path that it claims at each sample.
         path: What the burr is to follow, and where it rests.
         tolerances: What to insist on.
-        obstacles: What stands around; None looks at no collisions, not even with itself.
+        obstacles: What stands around; None: only the robot itself is looked at, which certifies
+            nothing.
 
     Raises:
         InvalidInputError: arrays of the wrong shape, or values that are not finite.

@@ -15,7 +15,7 @@ from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Poses
-from rona_core.robot.collision.obstacles import Obstacles
+from rona_core.robot.collision.obstacles import NOTHING_AROUND, Obstacles
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.trajectory.trajectory import TimedMotion, Trajectory, motion_digest
 from rona_core.robot.verification.certificate import Certificate, Check
@@ -33,6 +33,7 @@ from rona_core.robot.verification.motion_checks import (
     singular_checks,
     tool_checks,
 )
+from rona_core.robot.verification.robot_digest import robot_digest
 
 __all__ = ["Tolerances", "certify", "verify_motion", "verify_scan"]
 
@@ -51,7 +52,8 @@ def verify_motion(
         model: The robot with its tool.
         motion: Joint angles in time; linear in between.
         tolerances: What to insist on.
-        obstacles: What stands around; None looks at no collisions, not even with itself.
+        obstacles: What stands around; None: only the robot itself is looked at, which certifies
+            nothing.
 
     Raises:
         InvalidInputError: arrays of the wrong shape, or values that are not finite.
@@ -78,7 +80,8 @@ def verify_scan(
             all, or one for each path point (n,).
         scan_speed_mm_per_s: Speed along the path that was asked for.
         tolerances: What to insist on.
-        obstacles: What stands around; None looks at no collisions, not even with itself.
+        obstacles: What stands around; None: only the robot itself is looked at, which certifies
+            nothing.
 
     Raises:
         InvalidInputError: arrays of the wrong shape, or values that are not finite.
@@ -106,26 +109,39 @@ def certify(
 ) -> Certificate:
     """Return the certificate of a motion: joints, tool, what its task asks for, and collisions.
 
-    Where time runs backwards the joints alone are looked at: there are no speeds to speak of.
+    Where time runs backwards the joints alone are looked at: there are no speeds to speak of. The
+    robot is always held against itself; a motion is certified among known obstacles alone.
     """
     checks = joint_checks(model, motion, allowed)
-    around = "" if obstacles is None else obstacles.digest()
     least_mm = None
     if checks[0].holds:
         dense = dense_motion(model, motion)
         checks += tool_checks(dense, allowed)
         checks += task_checks(dense)
-        if obstacles is not None:
-            found, least_mm = clearance(model, dense, obstacles)
-            checks += found
+        found, least_mm = clearance(model, dense, obstacles or NOTHING_AROUND)
+        checks += found
+    if obstacles is None:
+        checks.append(_not_checked(len(motion.times_s)))
+    around = "" if obstacles is None else obstacles.digest()
+    robot = robot_digest(model)
     return Certificate(
         model=model.name,
         certified=all(check.holds for check in checks),
         checks=tuple(checks),
-        digest=motion_digest(model.name, motion.times_s, motion.qs_rad, around),
+        digest=motion_digest(robot, motion.times_s, motion.qs_rad, around),
         obstacles=around,
         min_clearance_mm=least_mm,
+        robot=robot,
     )
+
+
+def _not_checked(n_samples: int) -> Check:
+    """Return the check that fails where the surroundings were not given."""
+    sentence = (
+        "collision: not checked with anything but the robot itself: give the obstacles that stand "
+        "around, NOTHING_AROUND where there are none"
+    )
+    return Check("collision", 0.0, float(n_samples), "samples", 0, False, sentence)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,7 +14,7 @@ from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.virtual.noise import FrameNoise, rng
 from rona_core.virtual.robot.contact_dynamics import INNER_S, LINE_N_PER_MM, ContactSpring
 
-MASS_KG = (0.20, 0.01)  # of tool and probe: mean and spread over seeds
+MASS_SPREAD_KG = 0.01  # over seeds, about what the tool is assumed to weigh
 COM_FLANGE_MM = ((70.0, 0.0, 45.0), 4.0)
 OFFSET = (1.5, 60.0)  # N and N mm, what is shown without load
 NOISE = readonly(np.repeat((0.03, 2.4), 3))  # N and N mm: the same share of both ranges
@@ -60,7 +60,7 @@ class VirtualForceSensor:
     def begin(self, seed: int, ordinal: int) -> None:
         """Start capture number ``ordinal`` of a session with this seed, without contact."""
         generator = rng(seed, "force sensor", 0, 0)
-        self.mass_kg = float(generator.normal(*MASS_KG))
+        self.mass_kg = float(generator.normal(self._robot_model.tool.mass_kg, MASS_SPREAD_KG))
         self.com_flange_mm: Floats = COM_FLANGE_MM[0] + generator.normal(0.0, COM_FLANGE_MM[1], 3)
         spread = np.repeat(OFFSET, 3)
         self.offset = spread * generator.normal(0.0, 1.0, 6)

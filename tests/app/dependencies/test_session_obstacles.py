@@ -9,8 +9,13 @@ import pytest
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.obstacles import obstacles_of
 from rona_core.app.dependencies.staleness import session_obstacles
+from rona_core.app.steps.roll import plan_reasons
+from rona_core.app.steps.roll.certificate_view import certificate_view
+from rona_core.app.steps.roll.plan_reasons import plan_reason
+from rona_core.app.steps.scan import captures
 from rona_core.app.steps.scan.captures import capture_scan
 from rona_core.app.steps.tool.messages import StartRobotMove, StartToolCapture
+from rona_core.app.steps.tool.recorded_motion import record_tool_motion
 from rona_core.compose import new_workbench
 from rona_core.devices.settings import DeviceSettings, RobotSettings
 from rona_core.devices.workcell import Surroundings
@@ -18,9 +23,13 @@ from rona_core.errors import NotReachableError
 from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.robot.kinematics.milling_tool import Spindle
+from rona_core.robot.planning.calibration_motion import ToolMotionSettings, plan_tool_motion
 from rona_core.robot.planning.plan_scan import PlanSettings, plan_scan
+from rona_core.robot.trajectory.trajectory import motion_digest
 from rona_core.session.codec import digest
 from rona_core.session.document import Derived, Session, Setup
+from rona_ui.panels.roll.certificate import verdict
 
 RX90 = robot_model("rx90")
 
@@ -129,6 +138,70 @@ def test_a_scan_is_executed_only_among_what_it_was_certified_among(plan):
     forged = replace(session.results, roll=derived(replace(made, certificate=blind)))
     with pytest.raises(NotReachableError, match="other obstacles"):
         capture_scan(replace(session, results=forged), None)
+
+
+def in_session(setup, plan):
+    session = Session(setup=setup)
+    return replace(session, results=replace(session.results, roll=derived(plan)))
+
+
+def earlier(plan):
+    """The plan as files of earlier versions hold it: its certificate names the robot alone."""
+    motion, held = plan.trajectory, plan.certificate
+    named = motion_digest(held.model, motion.times_s, motion.qs_rad, held.obstacles)
+    return replace(plan, certificate=replace(held, robot="", digest=named))
+
+
+OTHER_ROBOTS = {
+    "longer": replace(RX90, arm=replace(RX90.arm, upper_arm_mm=500.0)),
+    "slower": replace(RX90, limits=replace(RX90.limits, speed_rad_per_s=np.full(6, 1e-3))),
+    "heavier": RX90.with_tool(replace(RX90.tool, mass_kg=1.2)),
+    "with a spindle": RX90.with_tool(RX90.tool.with_spindle(Spindle())),
+    "with all pairs": replace(RX90, held_apart=()),
+}
+
+
+@pytest.mark.parametrize("what", OTHER_ROBOTS)
+def test_a_scan_is_executed_only_by_the_robot_it_was_certified_for(plan, what, monkeypatch):
+    session = in_session(*plan)
+    assert plan_reason(session) is None
+    assert certificate_view(session).certified
+    for place in (captures, plan_reasons):
+        monkeypatch.setattr(place, "robot_model", lambda _: OTHER_ROBOTS[what])
+    with pytest.raises(NotReachableError, match=r"another robot .*: plan again$"):
+        capture_scan(session, None)
+    assert "plan again" in plan_reason(session)
+    view = certificate_view(session)
+    assert not view.certified
+    assert "another motion or robot. Plan again" in verdict(view, stale=False)
+
+
+def test_a_plan_of_an_earlier_version_is_verified_again_before_it_is_driven(plan, monkeypatch):
+    """It opens and is shown as before; whether the robot may drive it is found out anew."""
+    free, made = plan
+    session = in_session(free, earlier(made))
+    assert session.results.roll.value.may_move
+    assert plan_reason(session) is None
+    with pytest.raises(AttributeError):  # it is let through, to devices that are not there
+        capture_scan(session, None)
+    monkeypatch.setattr(captures, "robot_model", lambda _: OTHER_ROBOTS["longer"])
+    with pytest.raises(NotReachableError, match="distance from the path fails"):
+        capture_scan(session, None)
+    monkeypatch.setattr(captures, "robot_model", lambda _: OTHER_ROBOTS["slower"])
+    with pytest.raises(NotReachableError, match="joint speed fails"):
+        capture_scan(session, None)
+    lower = replace(free, surroundings=replace(free.surroundings, floor_mm=400.0))
+    monkeypatch.undo()
+    with pytest.raises(NotReachableError, match="clearance from the floor fails"):
+        capture_scan(in_session(lower, earlier(made)), None)
+
+
+def test_every_other_motion_is_held_against_the_robot_that_is_to_drive_it():
+    around = session_obstacles(Session()).without_touch()
+    motion = plan_tool_motion(RX90, ToolMotionSettings(n_pivot=4, n_translate=2), obstacles=around)
+    for other in OTHER_ROBOTS.values():
+        with pytest.raises(NotReachableError, match=r"another robot .*: plan again$"):
+            record_tool_motion("tool", motion, other, around, Session(), None)
 
 
 def test_no_move_of_the_robot_goes_into_something():

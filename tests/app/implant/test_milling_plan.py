@@ -10,10 +10,11 @@ from scipy.ndimage import maximum_filter, minimum_filter
 from rona_core.app.dependencies.requirements import blocked_reason
 from rona_core.app.dependencies.staleness import session_obstacles, stale_reason
 from rona_core.app.dependencies.step_states import step_states
+from rona_core.app.steps.implant import milling_motion as milling_motion_module
 from rona_core.app.steps.implant.bone_left import bone_left_mm, bone_over_bed
 from rona_core.app.steps.implant.export import MOTIONS, NAMES, export_bed, offered
 from rona_core.app.steps.implant.messages import PlanMilling
-from rona_core.app.steps.implant.milling_derivation import robot_path_of
+from rona_core.app.steps.implant.milling_derivation import milling_model, robot_path_of
 from rona_core.app.steps.implant.milling_motion import (
     layer_at,
     milling_duration_s,
@@ -35,6 +36,7 @@ from rona_core.errors import InvalidInputError, StaleResultError, StepBlockedErr
 from rona_core.planning.milling.milling_path import Move
 from rona_core.planning.milling.removal import RIDGE_MM
 from rona_core.planning.robot_milling.robot_path import milling_obstacles
+from rona_core.robot.trajectory.trajectory import motion_digest
 from rona_core.session.files import load_session, session_bytes, session_from_bytes
 from rona_ui.resources import demo_session
 from tests.helpers.ui.beds import bed_only, laid_astray
@@ -60,8 +62,9 @@ def with_plan(session, plan):
 
 def test_the_demo_is_milled_with_a_certificate_for_what_stands_around(milled):
     plan, path = milling_plan_of(milled), robot_path_of(milling_view(milled)).cutting
-    around = milling_obstacles(session_obstacles(milled), path).digest()
-    assert plan.certificate.certifies(plan.trajectory, around)
+    around = milling_obstacles(session_obstacles(milled), path)
+    model = milling_model(milled, milling_view(milled))
+    assert plan.certificate.certifies(plan.trajectory, model, around)
     assert "certified" in milling_verdict(plan)
     assert milling_summary(plan) in step_states(milled)[-1].reason
     assert step_states(milled)[-1].state == "done"
@@ -167,6 +170,31 @@ def test_other_surroundings_make_it_stale_and_the_bed_not(milled):
     assert set(offered(session)).isdisjoint(MOTIONS)
     with pytest.raises(StaleResultError):
         require_certified(session)
+
+
+def test_the_motion_is_given_away_for_the_robot_it_was_certified_for_alone(milled, monkeypatch):
+    known = milling_model(milled, milling_view(milled))
+    longer = replace(known, arm=replace(known.arm, forearm_mm=500.0))
+    plan = milling_plan_of(milled)
+    other = with_plan(milled, replace(plan))  # what is remembered of the first is not asked
+    monkeypatch.setattr(milling_motion_module, "milling_model", lambda *_: longer)
+    assert set(offered(other)).isdisjoint(MOTIONS)
+    with pytest.raises(StaleResultError, match="another robot"):
+        export_bed(other, "milling_joints.csv")
+
+
+def test_a_motion_of_an_earlier_version_is_verified_again_first(milled, monkeypatch):
+    plan = milling_plan_of(milled)
+    motion, held = plan.trajectory, plan.certificate
+    named = motion_digest(held.model, motion.times_s, motion.qs_rad, held.obstacles)
+    old = replace(plan, certificate=replace(held, robot="", digest=named))
+    assert milling_motion_module.milling_stale(with_plan(milled, old)) is None
+    assert require_certified(with_plan(milled, old))[1] is motion
+    known = milling_model(milled, milling_view(milled))
+    longer = replace(known, arm=replace(known.arm, forearm_mm=500.0))
+    monkeypatch.setattr(milling_motion_module, "milling_model", lambda *_: longer)
+    with pytest.raises(StepBlockedError, match="distance of the tip from the path fails"):
+        require_certified(with_plan(milled, old))
 
 
 def test_nothing_is_planned_for_a_bed_that_is_not_safe(demo):

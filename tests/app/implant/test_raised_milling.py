@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rona_core.app.dependencies.staleness import session_obstacles
 from rona_core.app.steps.implant import rehearsal, rehearsal_task
 from rona_core.app.steps.implant.messages import RehearseMilling
 from rona_core.app.steps.implant.milling_derivation import (
@@ -23,6 +24,7 @@ from rona_core.errors import CancelledError
 from rona_core.evaluation.milling.rehearsal_metrics import milled_again, rehearsal_figures
 from rona_core.evaluation.truth import truth_of
 from rona_core.planning.rehearsal.floor_line import FloorLine
+from rona_core.planning.robot_milling.robot_path import milling_obstacles
 from rona_core.robot.verification.cutting_verifier import verify_cutting
 from rona_core.session.codec import digest
 from rona_core.session.files import load_session, session_bytes, session_from_bytes
@@ -82,12 +84,14 @@ def test_raised_layers_are_milled_in_their_own_certified_motion(milled, monkeypa
     assert lowest == pytest.approx(planned + found.raised_mm, abs=0.01)
     # the motion itself: it never goes below that height, and it is no part of the planned one
     model, cutting = milling_model(milled, left), robot_path_of(left).cutting
-    assert verify_cutting(model, plan.trajectory, cutting).certified
+    around = milling_obstacles(session_obstacles(milled), cutting)
+    assert verify_cutting(model, plan.trajectory, cutting, obstacles=around).certified
     tips = cutting.T_base_bed.inv() @ (
         (model.forward(plan.trajectory.qs_rad) @ model.T_flange_tip).translations
     )
     assert lowest - 0.05 <= tips[:, 2].min() <= lowest + 0.2
-    assert not verify_cutting(model, plan.trajectory, robot_path_of(view).cutting).certified
+    planned_path = robot_path_of(view).cutting
+    assert not verify_cutting(model, plan.trajectory, planned_path, obstacles=around).certified
     # what is told of it
     minutes, seconds = divmod(round(plan.trajectory.duration_s), 60)
     said = rehearsal_verdict(found)

@@ -3,18 +3,22 @@
 import numpy as np
 
 from rona_core.app.dependencies.inputs import require_result
-from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.dependencies.staleness import session_obstacles, stale_reason
 from rona_core.app.steps.implant.milling_derivation import milling_model, robot_path_of
 from rona_core.app.steps.implant.milling_plan import MillingPlan, why_no_milling
 from rona_core.app.steps.implant.view import milling_view
 from rona_core.errors import StaleResultError, StepBlockedError
 from rona_core.geometry.arrays import Floats, Ints, readonly
 from rona_core.planning.milling.milling_motion import MillingMotion
+from rona_core.planning.robot_milling.robot_path import milling_obstacles
 from rona_core.robot.trajectory.trajectory import Trajectory
+from rona_core.robot.verification.certificate import Certificate
+from rona_core.robot.verification.cutting_verifier import verify_cutting
 from rona_core.session.document import Session
 from rona_core.session.memo import Memo, remember
 
 _MOTIONS: Memo[MillingMotion] = Memo(2)
+_VERIFIED: Memo[Certificate] = Memo(2)
 
 
 def milling_plan_of(session: Session) -> MillingPlan | None:
@@ -26,14 +30,18 @@ def milling_plan_of(session: Session) -> MillingPlan | None:
 @remember(4)  # sessions never change, and the replay asks many times a second
 def milling_stale(session: Session) -> str | None:
     """Return why the planned milling counts no more, None while it does: then it may be drawn."""
-    return stale_reason("milling", session)
+    reason, plan = stale_reason("milling", session), milling_plan_of(session)
+    certificate = None if plan is None else plan.certificate
+    if reason is not None or certificate is None or not certificate.robot:
+        return reason
+    return certificate.other_robot(milling_model(session, milling_view(session)))
 
 
 def require_certified(session: Session) -> tuple[MillingPlan, Trajectory]:
-    """Return the plan to mill the bed, and its motion, which is certified.
+    """Return the plan to mill the bed, and its motion, which is certified for this robot.
 
     Raises:
-        StepBlockedError: there is no plan, or none that is certified; it says why.
+        StepBlockedError: there is no plan, or none that is certified for this robot; it says why.
         StaleResultError: it is of another bed, robot or surroundings.
     """
     plan: MillingPlan = require_result(
@@ -43,7 +51,18 @@ def require_certified(session: Session) -> tuple[MillingPlan, Trajectory]:
         raise StaleResultError(f"the plan of the milling is stale: {reason}")
     if plan.trajectory is None or not plan.may_move:
         raise StepBlockedError(f"the robot cannot mill this bed: {why_no_milling(plan)}")
-    return plan, plan.trajectory
+    view = milling_view(session)
+    model, path = milling_model(session, view), robot_path_of(view).cutting
+    around = milling_obstacles(session_obstacles(session), path)
+    motion, certificate = plan.trajectory, plan.certificate
+    if certificate is None or not certificate.robot:  # of an earlier version: it names the robot
+        certificate = _VERIFIED.get(
+            (plan, model, view), lambda: verify_cutting(model, motion, path, obstacles=around)
+        )
+    refusal = certificate.refusal(motion, model, around)
+    if refusal is not None:
+        raise StepBlockedError(f"the robot cannot mill this bed: {refusal}")
+    return plan, motion
 
 
 def milling_duration_s(session: Session) -> float | None:

@@ -36,7 +36,7 @@ def derive_placement(
     around = settings.obstacles
 
     def planner(path: Path5D, old_in_new: Pose) -> RobotPlan:
-        seen = None if around is None else obstacles_from(around, old_in_new)
+        seen = obstacles_from(around, old_in_new)
         return plan_scan(path, model, replace(settings, obstacles=seen), cancel=cancel)
 
     return place_base(

@@ -2,6 +2,7 @@
 
 from collections import Counter
 
+from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.plan import RobotPlan
 from rona_core.robot.redundancy.result import RollVerdict, refused_with_largest_margin
 from rona_core.robot.verification.certificate import Certificate
@@ -18,7 +19,17 @@ def plan_reason(session: Session) -> str | None:
     certificate = searched.value.certificate
     if certificate is not None and not certificate.certified:
         return "the verifier refuses the motion (step 7): choose another roll"
-    return None
+    return other_robot(session, certificate)
+
+
+def other_robot(session: Session, certificate: Certificate | None) -> str | None:
+    """Return what to do where a plan was verified for another robot than the session's.
+
+    One of an earlier version, which kept no robot with it, is verified again before it is driven.
+    """
+    if certificate is None or not certificate.robot:
+        return None
+    return certificate.other_robot(robot_model(session.setup.devices.robot.model))
 
 
 def _varying(plan: RobotPlan) -> str:

@@ -29,6 +29,7 @@ from rona_core.robot.force_control.correction_corridor import correction_corrido
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.trajectory.trajectory import Trajectory
+from rona_core.robot.verification.verifier import verify_scan
 from rona_core.session.captures import ScanCapture
 from rona_core.session.document import Session
 
@@ -66,9 +67,16 @@ def capture_scan(
         plan = None if second is None else second.value.plan
     if plan is None or plan.trajectory is None or plan.certificate is None:
         raise NotReachableError("there is no path that the robot can traverse: see step 7")
-    require_certified("the scan", plan.certificate, plan.trajectory, session_obstacles(session))
     devices, trajectory = session.setup.devices, plan.trajectory
-    model = robot_model(devices.robot.model)
+    model, around = robot_model(devices.robot.model), session_obstacles(session)
+    certificate = plan.certificate
+    if not certificate.robot:  # of an earlier version: it names the robot, and no more of it
+        speed_mm_per_s = devices.robot.scan_speed_mm_per_s
+        path, rolls_rad = plan.search.path, plan.search.rolls_rad
+        certificate = verify_scan(
+            model, trajectory, path, rolls_rad, speed_mm_per_s, obstacles=around
+        )
+    require_certified("the scan", certificate, trajectory, model, around)
     contact = devices.robot.contact
     places_s = fire_times(trajectory, devices.probe.pitch_mm)
     try:

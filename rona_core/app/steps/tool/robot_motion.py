@@ -59,7 +59,7 @@ class FreeMoves:
             start_rad = motions[-1].qs_rad[-1]
         planned = plan_joint_move(start_rad, goal_rad, model, clear=self._world.clear)
         certificate = verify_motion(model, planned, obstacles=self._free)
-        require_certified("the move", certificate, planned, self._free)
+        require_certified("the move", certificate, planned, model, self._free)
         return (*motions, planned)
 
     def back(self, start_rad: Floats) -> Trajectory:
@@ -89,22 +89,21 @@ class FreeMoves:
             ) from error
         line = retract_after_stop(model, start_rad, CollisionWorld(model, around).clear)
         certificate = verify_motion(model, line, obstacles=around)
-        require_certified("drawing the probe back", certificate, line, around)
+        require_certified("drawing the probe back", certificate, line, model, around)
         return line
 
 
 def require_certified(
-    what: str, certificate: Certificate, motion: TimedMotion, around: Obstacles
+    what: str,
+    certificate: Certificate,
+    motion: TimedMotion,
+    model: RobotModel,
+    around: Obstacles,
 ) -> None:
-    """Raise NotReachableError unless this motion was certified among what stands around now."""
-    same = around.has_digest(certificate.obstacles)
-    if same and certificate.certifies(motion, certificate.obstacles):
-        return
-    reasons = "; ".join(check.sentence for check in certificate.failures())
-    if not reasons:
-        other = "motion" if same else "robot or other obstacles"
-        reasons = f"the plan was verified for another {other}: plan again"
-    raise NotReachableError(f"{what} is refused: {reasons}")
+    """Raise NotReachableError unless this robot may drive this motion among what stands around."""
+    refusal = certificate.refusal(motion, model, around)
+    if refusal is not None:
+        raise NotReachableError(f"{what} is refused: {refusal}")
 
 
 def drive_to(

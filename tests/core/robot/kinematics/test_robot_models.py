@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from rona_core.devices.settings import ROBOTS
 from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Poses
+from rona_core.robot.collision.obstacles import NOTHING_AROUND
 from rona_core.robot.kinematics.arm import BRANCHES
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.pinocchio_model import PinocchioArm
@@ -223,7 +224,7 @@ def test_home_points_the_tool_down_clear_of_the_limits_and_of_the_head(name):
 @every_arm
 def test_the_tool_motion_in_the_work_area_is_certified(name):
     motion = plan_tool_motion(MODELS[name])
-    assert motion.certificate.certifies(motion)
+    assert motion.certificate.certifies(motion, MODELS[name], NOTHING_AROUND)
     np.testing.assert_allclose(
         motion.T_base_tip_center.translation, MODELS[name].work_area.pivot_base
     )

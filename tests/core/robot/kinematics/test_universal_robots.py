@@ -1,5 +1,6 @@
 """The UR arms: what their description says, and an independent solver."""
 
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -11,7 +12,9 @@ from rona_core.errors import InvalidInputError
 from rona_core.robot.kinematics import universal_robots
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.offset_wrist import ParallelArm
-from rona_core.robot.kinematics.universal_robots import ur, urdf_path
+from rona_core.robot.kinematics.rx90 import rx90
+from rona_core.robot.kinematics.universal_robots import provenance, ur, urdf_path
+from rona_core.robot.verification.robot_digest import robot_digest
 
 NAMES = ("ur5", "ur10")
 both = pytest.mark.parametrize("name", NAMES)
@@ -107,6 +110,33 @@ def test_another_description_of_the_same_build_gives_another_arm(tmp_path):
     longer = ur("ur5", urdf=path)
     assert longer.arm.upper_arm_mm == pytest.approx(625.0)
     assert longer.urdf == str(path)
+
+
+@pytest.mark.parametrize("name", ["ur3", "ur5", "ur10"])
+def test_an_arm_is_called_a_ur5_if_it_has_the_lengths_of_one(name):
+    other = ur("ur5", urdf=urdf_path(name))
+    assert other.name == ("ur5" if name == "ur5" else f"arm of {name}_robot.urdf")
+    assert robot_digest(replace(other, name="ur5")) == robot_digest(other)
+    assert (robot_digest(other) == robot_digest(ur("ur5"))) == (name == "ur5")
+
+
+@pytest.mark.parametrize("off_mm", [-50.0, -3.1, -2.9, -0.4, 0.4, 2.9, 3.1, 50.0, 200.0])
+@pytest.mark.parametrize("old", ["0.425", "0.39225", "0.089159"])
+def test_a_length_that_is_off_by_more_than_arms_of_a_type_takes_the_name(tmp_path, old, off_mm):
+    """A calibrated arm keeps its name, one of another type does not, whatever it is asked as."""
+    length = f"{float(old) + off_mm / 1000.0:.6f}"
+    other = ur("ur5", urdf=described(tmp_path, old, length))
+    assert (other.name == "ur5") == (abs(off_mm) < 3.0)
+    assert other.name not in {"rx90", "ur10"}
+    assert all(figure.source == "other.urdf" for figure in provenance("ur5", other.urdf)[:8])
+
+
+@pytest.mark.parametrize("key", ["shoulder_mm", "upper_arm_mm", "forearm_mm", "flange_mm"])
+def test_an_rx90_with_lengths_of_another_type_has_another_name_too(key):
+    length = getattr(rx90().arm, key)
+    for off_mm in (-50.0, -3.1, -2.9, 2.9, 3.1, 50.0):
+        other = rx90({key: length + off_mm})
+        assert other.name == ("rx90" if abs(off_mm) < 3.0 else "arm built like an rx90")
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import pytest
 from rona_core.errors import InvalidInputError, NotReachableError
 from rona_core.geometry.pose import Pose
 from rona_core.robot.collision.collision_world import CollisionWorld
-from rona_core.robot.collision.obstacles import Capsule, Obstacle, Obstacles
+from rona_core.robot.collision.obstacles import NOTHING_AROUND, Capsule, Obstacle, Obstacles
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.calibration_motion import (
     ALONG_X,
@@ -51,7 +51,7 @@ def test_it_may_pivot_alone():
 
 
 def test_it_is_certified_and_goes_from_home_to_home(motion):
-    assert motion.certificate.certifies(motion)
+    assert motion.certificate.certifies(motion, RX90, NOTHING_AROUND)
     np.testing.assert_array_equal(motion.qs_rad[0], RX90.home_rad)
     np.testing.assert_allclose(motion.qs_rad[-1], RX90.home_rad, atol=1e-12)
     assert np.abs(np.diff(motion.qs_rad, axis=0)).max() < np.deg2rad(2)
@@ -111,7 +111,7 @@ def test_other_places_and_directions_work_too():
         tip_base=(600.0, 60.0, 500.0),
         facing_base=(0.5, 0.8, 0.0),
     )
-    assert motion.certificate.certifies(motion)
+    assert motion.certificate.certifies(motion, RX90, NOTHING_AROUND)
     assert len(motion.phases) == 12
     np.testing.assert_allclose(motion.T_base_tip_center.translation, (600, 60, 500))
 
@@ -143,7 +143,7 @@ def test_from_one_dwell_to_the_next_it_goes_around_what_is_in_the_way():
     assert clear(plain.qs_rad[stops]).all()
     assert not clear(leg).all()
     motion = plan_tool_motion(RX90, ToolMotionSettings(n_pivot=4, n_translate=2), obstacles=around)
-    assert motion.certificate.certifies(motion, around.digest())
+    assert motion.certificate.certifies(motion, RX90, around)
     assert clear(motion.qs_rad).all()
     found = [start for start, _ in dwell_rows(motion)]
     np.testing.assert_array_equal(motion.qs_rad[found], plain.qs_rad[stops])

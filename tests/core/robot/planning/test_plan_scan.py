@@ -15,7 +15,7 @@ from rona_core.errors import (
 from rona_core.geometry.arrays import readonly
 from rona_core.geometry.path5d import Path5D, resample_path
 from rona_core.geometry.pose import Pose
-from rona_core.robot.collision.obstacles import Box, Obstacle, Obstacles
+from rona_core.robot.collision.obstacles import NOTHING_AROUND, Box, Obstacle, Obstacles
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.joint_limits import JointLimits
 from rona_core.robot.kinematics.link_errors import ALIKE_RAD, alike, largest_step_rad
@@ -50,10 +50,12 @@ def tampered(plan, **parts):
 
 
 def failing(plan, trajectory):
-    certificate = verify_scan(RX90, trajectory, plan.search.path, plan.search.rolls_rad, SPEED)
+    certificate = verify_scan(
+        RX90, trajectory, plan.search.path, plan.search.rolls_rad, SPEED, obstacles=NOTHING_AROUND
+    )
     assert certificate.certified == (not certificate.failures())
     assert not certificate.certified
-    assert not certificate.certifies(trajectory)
+    assert not certificate.certifies(trajectory, RX90, NOTHING_AROUND)
     return {check.name: check for check in certificate.failures()}
 
 
@@ -61,14 +63,15 @@ def test_a_plan_is_certified_and_its_certificate_is_for_this_motion_alone(plan):
     assert plan.may_move
     assert plan.search.mode == "constant"
     assert plan.search.verdicts[plan.search.chosen].feasible
-    assert len(plan.certificate.checks) == 20
+    assert len(plan.certificate.checks) == 21
     moved = tampered(plan, qs_rad=plan.trajectory.qs_rad + 1e-12)
-    assert not plan.certificate.certifies(moved)
+    assert plan.certificate.certifies(plan.trajectory, RX90, NOTHING_AROUND)
+    assert not plan.certificate.certifies(moved, RX90, NOTHING_AROUND)
     later = tampered(plan, times_s=plan.trajectory.times_s * 1.000001)
-    assert not plan.certificate.certifies(later)
+    assert not plan.certificate.certifies(later, RX90, NOTHING_AROUND)
     assert not replace(plan, trajectory=moved).may_move
-    other = replace(plan.certificate, model="other")
-    assert not other.certifies(plan.trajectory)
+    other = replace(plan.certificate, robot="other")
+    assert not other.certifies(plan.trajectory, RX90, NOTHING_AROUND)
 
 
 def test_the_trajectory_starts_and_ends_at_home_and_keeps_all_limits(plan):
@@ -187,7 +190,12 @@ def test_a_limit_violation_is_caught(plan):
         RX90, limits=JointLimits(low, high, limits.speed_rad_per_s, limits.acceleration_rad_per_s2)
     )
     certificate = verify_scan(
-        tight, plan.trajectory, plan.search.path, plan.search.rolls_rad, SPEED
+        tight,
+        plan.trajectory,
+        plan.search.path,
+        plan.search.rolls_rad,
+        SPEED,
+        obstacles=NOTHING_AROUND,
     )
     (check,) = certificate.failures()
     assert check.name == "margin to the joint limits"
@@ -206,13 +214,19 @@ def test_a_wrong_pose_is_caught(plan):
 
 
 def test_another_roll_or_path_is_caught(plan, path):
-    certificate = verify_scan(RX90, plan.trajectory, path, plan.search.rolls_rad + 0.02, SPEED)
+    certificate = verify_scan(
+        RX90, plan.trajectory, path, plan.search.rolls_rad + 0.02, SPEED, obstacles=NOTHING_AROUND
+    )
     assert [check.name for check in certificate.failures()] == ["roll of the probe"]
     shifted = Path5D(path.points_base + np.array((0, 0, 0.4)), path.axes_base)
-    certificate = verify_scan(RX90, plan.trajectory, shifted, plan.search.rolls_rad, SPEED)
+    certificate = verify_scan(
+        RX90, plan.trajectory, shifted, plan.search.rolls_rad, SPEED, obstacles=NOTHING_AROUND
+    )
     assert "distance from the path" in {check.name for check in certificate.failures()}
     sunk = Path5D(path.points_base - 2.0 * path.axes_base, path.axes_base)
-    certificate = verify_scan(RX90, plan.trajectory, sunk, plan.search.rolls_rad, SPEED)
+    certificate = verify_scan(
+        RX90, plan.trajectory, sunk, plan.search.rolls_rad, SPEED, obstacles=NOTHING_AROUND
+    )
     assert "dip into the bone off the path" in {check.name for check in certificate.failures()}
 
 
@@ -251,7 +265,7 @@ def test_a_path_through_a_singularity_is_not_certified():
     still = Path5D(points.translations, points.rotations[:, :, 2])
     move = plan_joint_move(q, q, RX90)
     fake = replace(move, scan_end_s=float(move.times_s[-1]))
-    certificate = verify_scan(RX90, fake, still, 0.0, SPEED)
+    certificate = verify_scan(RX90, fake, still, 0.0, SPEED, obstacles=NOTHING_AROUND)
     assert "wrist from straight" in {check.name for check in certificate.failures()}
 
 
@@ -296,7 +310,14 @@ def test_the_verifier_looks_at_the_roll_of_every_point(varying):
     speed = PlanSettings().scan.scan_speed_mm_per_s
 
     def failures(rolls_rad):
-        certificate = verify_scan(RX90, varying.trajectory, varying.search.path, rolls_rad, speed)
+        certificate = verify_scan(
+            RX90,
+            varying.trajectory,
+            varying.search.path,
+            rolls_rad,
+            speed,
+            obstacles=NOTHING_AROUND,
+        )
         return {check.name: check for check in certificate.failures()}
 
     assert failures(varying.search.rolls_rad) == {}
@@ -380,7 +401,7 @@ def test_another_roll_can_be_chosen_and_first_is_first(plan, path):
     assert again.search.chosen == other
     assert again.may_move
     assert again.search.verdicts is plan.search.verdicts
-    assert not plan.certificate.certifies(again.trajectory)
+    assert not plan.certificate.certifies(again.trajectory, RX90, NOTHING_AROUND)
     first = plan_scan(path, RX90, replace(SETTINGS, choice="first"))
     assert first.search.chosen == feasible[0]
 
@@ -510,8 +531,8 @@ def test_joint_moves_are_certified_and_refused_beyond_the_limits():
     for _ in range(10):
         a, b = rng.uniform(RX90.lower_rad, RX90.upper_rad, (2, 6))
         move = plan_joint_move(a, b, RX90)
-        certificate = verify_motion(RX90, move)
-        assert certificate.certifies(move), certificate.failures()
+        certificate = verify_motion(RX90, move, obstacles=NOTHING_AROUND)
+        assert certificate.certifies(move, RX90, NOTHING_AROUND), certificate.failures()
         np.testing.assert_allclose(move.qs_rad[[0, -1]], (a, b), atol=1e-12)
     with pytest.raises(NotReachableError, match=r"joint 5 cannot go to 130\.0°"):
         plan_joint_move(RX90.home_rad, np.deg2rad((0, 0, 90, 0, 130, 0)), RX90)
@@ -521,9 +542,16 @@ def test_verifying_nonsense_is_refused_by_name(plan):
     qs = plan.trajectory.qs_rad.copy()
     qs[5, 2] = np.nan
     with pytest.raises(InvalidInputError, match="qs_rad must be finite"):
-        verify_motion(RX90, tampered(plan, qs_rad=qs))
+        verify_motion(RX90, tampered(plan, qs_rad=qs), obstacles=NOTHING_AROUND)
     with pytest.raises(InvalidInputError, match="a time each"):
-        verify_motion(RX90, tampered(plan, times_s=np.arange(3.0)))
+        verify_motion(RX90, tampered(plan, times_s=np.arange(3.0)), obstacles=NOTHING_AROUND)
     backwards = replace(plan.trajectory, scan_end_s=-1.0)
     with pytest.raises(InvalidInputError, match="has no scan"):
-        verify_scan(RX90, backwards, plan.search.path, plan.search.rolls_rad, SPEED)
+        verify_scan(
+            RX90,
+            backwards,
+            plan.search.path,
+            plan.search.rolls_rad,
+            SPEED,
+            obstacles=NOTHING_AROUND,
+        )

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from rona_core.errors import NotReachableError
+from rona_core.robot.collision.obstacles import NOTHING_AROUND
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.trajectory.retract import RETRACT_AFTER_STOP_MM, retract_after_stop
 from rona_core.robot.verification.verifier import verify_motion
@@ -27,7 +28,9 @@ def test_it_goes_straight_back_along_the_axis_and_nowhere_else(name):
     assert (np.diff(depths) <= 1e-9).all()
     assert depths[-1] == pytest.approx(-RETRACT_AFTER_STOP_MM, abs=1e-6)
     np.testing.assert_allclose(probes.rotations[:, :, 2] @ axis, 1.0, atol=1e-7)
-    assert verify_motion(model, motion).certifies(motion)
+    assert verify_motion(model, motion, obstacles=NOTHING_AROUND).certifies(
+        motion, model, NOTHING_AROUND
+    )
     assert np.abs(np.diff(depths)).max() / 0.02 < 15.2  # the speed of an approach
 
 

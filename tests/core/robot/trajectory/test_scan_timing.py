@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from benchmarks.reference.trajectory_figures import timing_figures
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.path5d import Path5D
+from rona_core.robot.collision.obstacles import NOTHING_AROUND
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.joint_limits import JointLimits
 from rona_core.robot.redundancy.margins import joint_path
@@ -183,7 +184,7 @@ def test_no_sampled_limit_is_exceeded_and_the_verifier_agrees(followed, speed):
     assert figures.path_jerk_mm_per_s3 <= 2500.0 * (1.0 + 1e-6)
     assert 0.0 < figures.deviation_mm <= 0.21
     assert figures.scan_duration_s >= figures.ideal_duration_s
-    assert verify_scan(RX90, trajectory, path, roll_rad, speed).certified
+    assert verify_scan(RX90, trajectory, path, roll_rad, speed, obstacles=NOTHING_AROUND).certified
 
 
 def test_weak_joints_are_not_overdriven_either(followed):
@@ -203,7 +204,7 @@ def test_weak_joints_are_not_overdriven_either(followed):
     figures = timing_figures(trajectory, path, weak, 20.0)
     assert 0.5 < figures.joint_speed_share <= 1.0 + 1e-6
     assert 0.5 < figures.joint_acceleration_share <= 1.0 + 1e-6
-    assert verify_scan(weak, trajectory, path, roll_rad, 20.0).certified
+    assert verify_scan(weak, trajectory, path, roll_rad, 20.0, obstacles=NOTHING_AROUND).certified
 
 
 def test_wider_corners_are_faster_and_most_of_the_path_is_at_scan_speed(followed):

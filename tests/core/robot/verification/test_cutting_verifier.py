@@ -7,7 +7,7 @@ import pytest
 
 from rona_core.errors import InvalidInputError, NotReachableError
 from rona_core.geometry.pose import Pose
-from rona_core.robot.collision.obstacles import Box, Capsule, Obstacle, Obstacles
+from rona_core.robot.collision.obstacles import NOTHING_AROUND, Box, Capsule, Obstacle, Obstacles
 from rona_core.robot.kinematics.catalog import milling_robot
 from rona_core.robot.planning.plan_cutting import CuttingPlanSettings, plan_cutting
 from rona_core.robot.trajectory.cutting_timing import (
@@ -43,7 +43,7 @@ def motion(plan):
     return plan.trajectory
 
 
-def failures(motion, path=PATH, tolerances=None, obstacles=None):
+def failures(motion, path=PATH, tolerances=None, obstacles=NOTHING_AROUND):
     found = verify_cutting(RX90, motion, path, tolerances, obstacles)
     assert found.certified == (not found.failures())
     return {check.name for check in found.failures()}
@@ -222,9 +222,9 @@ def test_a_spindle_too_close_to_the_head_and_a_burr_too_deep_are_caught(motion):
 
 def test_certificates_are_of_one_motion_and_one_surrounding(plan):
     certificate, motion = plan.certificate, plan.trajectory
-    assert certificate.certifies(motion, head(PATH).digest())
-    assert not certificate.certifies(motion, head(PATH, 5.0).digest())
-    assert not certificate.certifies(replace(motion, qs_rad=motion.qs_rad + 1e-9))
+    assert certificate.certifies(motion, RX90, head(PATH))
+    assert not certificate.certifies(motion, RX90, head(PATH, 5.0))
+    assert not certificate.certifies(replace(motion, qs_rad=motion.qs_rad + 1e-9), RX90, head(PATH))
 
 
 def test_where_no_roll_reaches_the_bed_the_verdicts_say_why():

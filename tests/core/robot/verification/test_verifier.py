@@ -74,20 +74,24 @@ def test_a_158_degree_jump_is_caught_though_all_else_holds():
         start = np.clip(RX90.home_rad - 0.5 * jump, RX90.lower_rad, RX90.upper_rad - jump)
         qs = np.repeat((start, start + jump), 20, axis=0)
         times = np.concatenate((np.arange(20.0), np.arange(20.0) + 60.0))
-        certificate = verify_motion(RX90, Motion(times, qs), loose)
+        certificate = verify_motion(RX90, Motion(times, qs), loose, obstacles=NOTHING_AROUND)
         assert names(certificate) == ["joint step"]
         (check,) = certificate.failures()
         assert check.value == pytest.approx(158.0)
         assert check.index == 20
         slow = Motion(np.linspace(0, 60, 200), start + np.linspace(0, 1, 200)[:, None] * jump)
-        assert verify_motion(RX90, slow, loose).certified, "the same way in small steps"
+        assert verify_motion(RX90, slow, loose, obstacles=NOTHING_AROUND).certified, (
+            "the same way in small steps"
+        )
 
 
 def test_a_position_beyond_the_limits_is_caught_though_all_else_holds():
     goal = RX90.home_rad.copy()
-    goal[4] = RX90.upper_rad[4] + np.deg2rad(0.5)
+    goal[0] = RX90.upper_rad[0] + np.deg2rad(0.5)
     qs = joint_move(RX90, RX90.home_rad, goal)
-    certificate = verify_motion(RX90, Motion(np.arange(len(qs)) * 0.02, qs))
+    certificate = verify_motion(
+        RX90, Motion(np.arange(len(qs)) * 0.02, qs), obstacles=NOTHING_AROUND
+    )
     assert names(certificate) == ["margin to the joint limits"]
     assert certificate.failures()[0].value == pytest.approx(-0.5)
 
@@ -107,7 +111,7 @@ def test_speed_and_acceleration_may_exceed_their_limits_by_a_millionth_and_no_mo
     most = np.abs(np.diff(padded, order, axis=0)).max(axis=0) / gap**order
     for excess, holds in ((0.0, True), (5e-7, True), (3e-6, False)):
         tight = with_limits(**{field: most / (1.0 + excess)})
-        certificate = verify_motion(tight, move)
+        certificate = verify_motion(tight, move, obstacles=NOTHING_AROUND)
         assert names(certificate) == ([] if holds else [check]), excess
         assert certificate.certified == holds
 
@@ -117,10 +121,12 @@ def test_the_tool_is_held_to_its_speed_and_to_the_line_between_samples(move):
     fastest = np.linalg.norm(np.diff(places, axis=0), axis=1).max() / move.times_s[1]
     for share, holds in ((1.001, True), (0.999, False)):
         allowed = Tolerances(tool_speed_mm_per_s=fastest * share)
-        assert names(verify_motion(RX90, move, allowed)) == ([] if holds else ["speed of the tool"])
+        assert names(verify_motion(RX90, move, allowed, obstacles=NOTHING_AROUND)) == (
+            [] if holds else ["speed of the tool"]
+        )
     sparse = Motion(np.array((0.0, 5.0, 10.0)), RX90.home_rad + np.zeros((3, 6)))
     sparse.qs_rad[1:, 0] += np.deg2rad((9.0, 18.0))
-    certificate = verify_motion(RX90, sparse)
+    certificate = verify_motion(RX90, sparse, obstacles=NOTHING_AROUND)
     assert names(certificate) == ["bend between samples"]
     reach = np.linalg.norm(tips(RX90.home_rad[None])[0, :2])
     bend = reach * (1.0 - np.cos(np.deg2rad(4.5)))
@@ -139,7 +145,7 @@ def test_a_collision_is_caught_though_all_else_holds(move):
     assert "between probe and ball" in check.sentence
     assert certificate.min_clearance_mm == pytest.approx(check.value)
     far = verify_motion(RX90, move, obstacles=ball((0.0, 900.0, 900.0)))
-    assert far.certifies(move)
+    assert far.certifies(move, RX90, ball((0.0, 900.0, 900.0)))
     assert [check.name for check in far.checks][-2:] == [
         "clearance of the robot itself",
         "clearance from the ball",
@@ -193,25 +199,37 @@ def test_the_robot_meeting_itself_is_caught():
     goal = np.deg2rad((15.0, 130.0, 140.0, 0.0, -15.0, 0.0))
     qs = joint_move(RX90, RX90.home_rad, goal)
     motion = Motion(np.arange(len(qs)) * 0.02, qs)
-    assert verify_motion(RX90, motion).certified, "nobody asked for collisions"
-    assert names(verify_motion(RX90, motion, obstacles=NOTHING_AROUND)) == [
-        "clearance of the robot itself"
-    ]
+    alone = verify_motion(RX90, motion, obstacles=NOTHING_AROUND)
+    assert names(alone) == ["clearance of the robot itself"]
+    unasked = verify_motion(RX90, motion)
+    assert names(unasked) == ["clearance of the robot itself", "collision"]
 
 
 def test_a_certificate_is_worth_nothing_among_other_obstacles(move):
     here, there = ball((0.0, 900.0, 900.0)), ball((0.0, 900.0, 901.0))
     certificate = verify_motion(RX90, move, obstacles=here)
-    assert certificate.certifies(move, here.digest())
-    assert certificate.certifies(move)
-    assert not certificate.certifies(move, there.digest())
+    assert certificate.certifies(move, RX90, here)
+    assert not certificate.certifies(move, RX90, there)
+    assert "among other obstacles: plan again" in certificate.refusal(move, RX90, there)
+    forged = replace(certificate, obstacles=there.digest())
+    assert not forged.certifies(move, RX90, there)
+
+
+def test_a_motion_whose_surroundings_were_not_given_is_not_certified(move):
+    """The robot is held against itself all the same; execution says what to do."""
     blind = verify_motion(RX90, move)
-    assert blind.certified
-    assert blind.min_clearance_mm is None
-    assert not blind.certifies(move, here.digest())
-    forged = replace(blind, obstacles=here.digest())
-    assert not forged.certifies(move)
-    assert not replace(certificate, obstacles=there.digest()).certifies(move, there.digest())
+    assert names(blind) == ["collision"]
+    assert not blind.certified
+    assert blind.min_clearance_mm > 5.0, "of the robot from itself"
+    (check,) = blind.failures()
+    assert check.sentence.startswith("collision: not checked")
+    for around in (NOTHING_AROUND, ball((0.0, 900.0, 900.0))):
+        assert "give the obstacles" in blind.refusal(move, RX90, around)
+        forged = replace(blind, obstacles=around.digest(), checks=(), certified=True)
+        assert not forged.certifies(move, RX90, around)
+    alone = verify_motion(RX90, move, obstacles=NOTHING_AROUND)
+    assert alone.certifies(move, RX90, NOTHING_AROUND)
+    assert not alone.certifies(move, RX90, ball((0.0, 900.0, 900.0)))
 
 
 def test_a_scan_is_looked_at_from_home_to_home(plan):
@@ -243,10 +261,14 @@ def test_a_scan_is_looked_at_from_home_to_home(plan):
 def test_a_roll_for_each_path_point_is_compared_point_by_point(plan):
     n = len(plan.search.path)
     same = np.full(n, float(plan.search.rolls_rad[0]))
-    one = verify_scan(RX90, plan.trajectory, plan.search.path, same, SPEED)
+    one = verify_scan(
+        RX90, plan.trajectory, plan.search.path, same, SPEED, obstacles=NOTHING_AROUND
+    )
     assert one.certified
     bent = same + np.where(np.arange(n) == n // 2, np.deg2rad(2.0), 0.0)
-    certificate = verify_scan(RX90, plan.trajectory, plan.search.path, bent, SPEED)
+    certificate = verify_scan(
+        RX90, plan.trajectory, plan.search.path, bent, SPEED, obstacles=NOTHING_AROUND
+    )
     assert names(certificate) == ["roll of the probe"]
     at = plan.trajectory.path_mm[certificate.failures()[0].index]
     assert at == pytest.approx(plan.search.path.arc_length_mm()[n // 2], abs=1.0)
@@ -276,7 +298,7 @@ def test_a_tilt_about_either_axis_of_the_face_is_measured(plan, column):
     axes = plan.search.path.axes_base
     tilted = np.cos(np.deg2rad(1.0)) * axes + np.sin(np.deg2rad(1.0)) * np.cross(about, axes)
     path = replace(plan.search.path, axes_base=tilted)
-    certificate = verify_scan(RX90, plan.trajectory, path, roll, SPEED)
+    certificate = verify_scan(RX90, plan.trajectory, path, roll, SPEED, obstacles=NOTHING_AROUND)
     (tilt,) = [c for c in certificate.failures() if c.name == "tilt of the probe"]
     assert tilt.value == pytest.approx(1.0, abs=0.25)  # with what interpolation adds
 
@@ -305,11 +327,13 @@ def test_a_roll_that_varies_is_followed_or_caught(plan):
     loose = Tolerances(path_acceleration_mm_per_s2=1e6, speed_excess=0.2, position_mm=1.0)
     turned = replace(trajectory, qs_rad=qs)
     free = with_limits(acceleration_rad_per_s2=np.full(6, 1e4))
-    followed = verify_scan(free, turned, plan.search.path, profile, SPEED, loose)
+    followed = verify_scan(
+        free, turned, plan.search.path, profile, SPEED, loose, obstacles=NOTHING_AROUND
+    )
     assert followed.certified, followed.failures()
     mean = float(profile.mean())
     assert "roll of the probe" in names(
-        verify_scan(free, turned, plan.search.path, mean, SPEED, loose)
+        verify_scan(free, turned, plan.search.path, mean, SPEED, loose, obstacles=NOTHING_AROUND)
     )
 
 
@@ -317,7 +341,13 @@ def test_a_probe_that_jerks_or_hurries_while_it_scans_is_caught(plan):
     strict = Tolerances(path_acceleration_mm_per_s2=50.0)
     found = names(
         verify_scan(
-            RX90, plan.trajectory, plan.search.path, float(plan.search.rolls_rad[0]), SPEED, strict
+            RX90,
+            plan.trajectory,
+            plan.search.path,
+            float(plan.search.rolls_rad[0]),
+            SPEED,
+            strict,
+            obstacles=NOTHING_AROUND,
         )
     )
     assert found == ["acceleration of the probe"]
@@ -334,7 +364,16 @@ def test_a_probe_that_jerks_or_hurries_while_it_scans_is_caught(plan):
 def test_a_probe_faster_than_was_asked_for_is_caught(plan, share, caught):
     roll_rad = float(plan.search.rolls_rad[0])
     assert (
-        names(verify_scan(RX90, plan.trajectory, plan.search.path, roll_rad, share * SPEED))
+        names(
+            verify_scan(
+                RX90,
+                plan.trajectory,
+                plan.search.path,
+                roll_rad,
+                share * SPEED,
+                obstacles=NOTHING_AROUND,
+            )
+        )
         == caught
     )
 
@@ -346,7 +385,14 @@ def test_the_probe_itself_is_held_to_the_scan_speed_whatever_way_is_claimed(plan
     i = int(fast[len(fast) // 2])
     share, qs = 0.05, trajectory.qs_rad.copy()
     qs[i] += share * (qs[i - 1] - qs[i])
-    found = verify_scan(RX90, replace(trajectory, qs_rad=qs), plan.search.path, roll_rad, SPEED)
+    found = verify_scan(
+        RX90,
+        replace(trajectory, qs_rad=qs),
+        plan.search.path,
+        roll_rad,
+        SPEED,
+        obstacles=NOTHING_AROUND,
+    )
     assert "speed of the probe" in names(found)
     assert "scan speed" not in names(found)
     check = next(check for check in found.checks if check.name == "speed of the probe")
@@ -363,7 +409,7 @@ def test_the_tool_motion_is_looked_at_too():
     free = plan_tool_motion(
         RX90, ToolMotionSettings(n_pivot=4, n_translate=2), obstacles=NOTHING_AROUND
     )
-    assert free.certificate.certifies(free, NOTHING_AROUND.digest())
+    assert free.certificate.certifies(free, RX90, NOTHING_AROUND)
 
 
 def test_between_samples_it_looks_halfway_and_says_where():
