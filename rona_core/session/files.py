@@ -138,12 +138,17 @@ def move_whole(temporary: Path, path: Path) -> Path:
     """Give a temporary file of the same folder, complete on the disk, the name ``path``."""
     os.chmod(temporary, 0o644)  # as other files are; temporary ones are private
     os.replace(temporary, path)
-    directory = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(directory)
-    finally:
-        os.close(directory)
+    sync_folder(path.parent)
     return path
+
+
+def sync_folder(folder: Path) -> None:
+    """Have the disk hold the names in a folder."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def _keep_backup(path: Path) -> None:

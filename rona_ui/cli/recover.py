@@ -43,8 +43,8 @@ def _write(recovery: Recovery, lost: LostSession, path: Path) -> str | None:
     if path.exists():
         raise NameTakenError(f"{path} exists already: choose another name with --out")
     with recovery.held(lost.key) as copy:
-        session, journal = copy.load()
-        store = Store(session)
+        journal = copy.load()
+        store = Store(journal.session)
         problem = restore(store, journal)
         save_session(store.session, path)
         if problem is None:

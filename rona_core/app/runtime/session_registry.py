@@ -211,8 +211,8 @@ class SessionRegistry:
             SessionFormatError: its copy cannot be read; it stays where it is.
         """
         with self._recovery.held(key) as copy:
-            session, journal = copy.load()
-            bench = self._add(session, recovered=True)
+            journal = copy.load()
+            bench = self._add(journal.session, recovered=True)
             problem = restore(bench.store, journal)
             self._autosave.keep(bench.session)
             if problem is None and self.copy_state(bench.session.id) == "kept":

@@ -77,11 +77,11 @@ def test_no_other_file_is_reached_by_a_key(client, lost, key):
 
 
 def test_a_copy_that_cannot_be_read_says_why(client, web, lost):
-    (path,) = (web.folder / ".autosave").glob(f"*/{lost.id}.rona")
+    (path,) = (web.folder / ".autosave").glob(f"*/{lost.id}.journal")
     path.write_bytes(b"PK damaged")
     (told,) = listed(client)
     assert told["name"] is None
-    assert "not a readable session file" in told["problem"]
+    assert "not a readable journal" in told["problem"]
     assert refused(client.post(f"/recoverable/{told['key']}/open"), 422, "session_format")
     assert path.read_bytes() == b"PK damaged"
 
