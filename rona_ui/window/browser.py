@@ -36,7 +36,7 @@ from rona_ui.scene.path.path_editing import point_at
 from rona_ui.scene.pointer import handle_rotation
 from rona_ui.scene.renderer import SceneRenderer
 from rona_ui.scene.viser_nodes import M_PER_MM, metres
-from rona_ui.viewer.bindings import Bindings, Event
+from rona_ui.viewer.bindings import Bindings, Event, notify
 from rona_ui.viewer.fields import Fields
 from rona_ui.window.kept_views import KeptViews, resumed_view
 
@@ -278,7 +278,10 @@ class Browser:
 
     def _serve(self, what: str, data: str | bytes | None) -> None:
         verb, _, name = what.partition(":")
-        if verb == "export":
+        if verb == "save":
+            path = self._hub.save()
+            notify(self.client, "Saved", path.name, "green")
+        elif verb == "export":
             data = export_maps(self._hub.get().session, name)
             self.client.send_file_download(name, data, save_immediately=True)
         elif verb == "export-bed":

@@ -11,7 +11,7 @@ from rona_core.app.runtime.saving.autosave import Autosave, CopyState
 from rona_core.app.runtime.saving.recovery import LostSession, Recovery, restore
 from rona_core.app.runtime.saving.session_files import FileState, SessionFiles, plain_name
 from rona_core.app.runtime.workbench import Services, Workbench
-from rona_core.errors import InvalidInputError, NotFoundError
+from rona_core.errors import FileChangedError, InvalidInputError, NotFoundError
 from rona_core.session.document import Session, Setup
 from rona_core.session.files import FileIdentity, load_identified, load_session
 
@@ -295,7 +295,11 @@ class SessionRegistry:
             FileChangedError: another program has changed the file of the session, likewise.
         """
         session = self.get(session_id).session
-        path, other = self.files.save(session, file, replace=replace)
+        try:
+            path, other = self.files.save(session, file, replace=replace)
+        except FileChangedError:
+            self._tell()  # the session is not saved any more
+            raise
         self._recovered.discard(session.id)
         self._unfiled.discard(session.id)
         self._begun.pop(session.id, None)

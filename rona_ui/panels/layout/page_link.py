@@ -65,6 +65,7 @@ class PageLink:
         self._acts: dict[str, Callable[[Any, Event], None]] = {
             "undo": lambda value, event: context.send(Undo, event),
             "redo": lambda value, event: context.send(Redo, event),
+            "save": lambda value, event: context.service("save", event, None),
             "escape": lambda value, event: context.service("escape", event, None),
             "resume": lambda value, event: context.service(
                 f"resume:{_page_name(value)}", event, None

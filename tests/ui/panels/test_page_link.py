@@ -96,10 +96,10 @@ def test_it_is_written_only_when_something_of_it_changes(page: Page) -> None:
 
 
 def test_what_the_page_asks_for_is_done_in_order_with_the_rest(page: Page) -> None:
-    for act in ("undo", "redo", "escape"):
+    for act in ("undo", "redo", "save", "escape"):
         page.ask(act)
     assert [type(message).__name__ for message in page.recorder.sent] == ["Undo", "Redo"]
-    assert page.recorder.services == ["escape"]
+    assert page.recorder.services == ["save", "escape"]
     page.ask("layer", {"name": "skull", "shown": False})
     page.ask("layer", {"name": "obstacles", "shown": True})
     page.ask("all_layers", True)
