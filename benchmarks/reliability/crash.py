@@ -115,7 +115,7 @@ def kill_one(folder: Path, seed: int, captures: float, wait_s: float) -> list[di
 
 
 def recovered(folder: Path) -> tuple[Session | None, int]:
-    """Return the newest that a new program recovers or finds, and how many temporary files are left."""
+    """Return the newest that a new program recovers or finds, and how many files it leaves."""
     hub = build_registry(folder, processes=False)
     try:
         found = [hub.recover(copy.key)[0].session for copy in hub.lost()]
@@ -143,9 +143,17 @@ def measure(kills: int, seed: int, share: float) -> Count:
             same = [t["digest"] for t in told if t["revision"] == kept]
             differing += bool(same) and session is not None and same[0] != digest(session)
             left_over += left
-    kinds = ("change", "capture", "save")
-    counts = [count for kind in kinds for count in (reported[kind], missing[kind])]
-    return Count(kills, *counts, differing, left_over)
+    return Count(
+        kills=kills,
+        changes=reported["change"],
+        changes_lost=missing["change"],
+        captures=reported["capture"],
+        captures_lost=missing["capture"],
+        saves=reported["save"],
+        saves_lost=missing["save"],
+        differing=differing,
+        left_over=left_over,
+    )
 
 
 def main() -> None:

@@ -182,10 +182,12 @@ def _freeze(when: str) -> tuple[float, float]:
 
     if when != "busy":
         freeze()
-    task = (toil,) if when == "busy" else (length, LARGE if "large" in when else b"")
+    data = LARGE if "large" in when else b""
+    function, args = (toil, ()) if when == "busy" else (length, (data,))
     with contextlib.suppress(CancelledError):
         pool(
-            *task,
+            function,
+            *args,
             progress=freeze,
             cancel=lambda: bool(frozen_s) and time.monotonic() > frozen_s[0] + 1.0,
         )
