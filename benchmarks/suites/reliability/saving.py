@@ -16,8 +16,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from benchmarks.metric import Metric, Progress
+from benchmarks.reference.damaged_journals import cuts, flips, is_silent, sectors, written_journal
 from benchmarks.reliability.crash import REPOSITORY, measure
-from benchmarks.reliability.damage import cuts, flips, is_silent, sectors, written_journal
 from rona_core.app.runtime.process_pool import ProcessCompute
 from rona_core.app.steps.setup.messages import SetSeed
 from rona_core.compose import build_registry
@@ -164,16 +164,24 @@ def _frozen(progress: Progress) -> Iterator[Metric]:
     for when in ("idle", "idle, large task", "busy"):
         progress(f"a computing process that is frozen while {when}")
         times_s = [_freeze(when) for _ in range(FREEZES)]
-        cancel_s, next_s = (max(column) for column in zip(*times_s, strict=True))
+        cancel_s, next_s, starts = (max(column) for column in zip(*times_s, strict=True))
         text = f"process frozen while {when}, worst of {FREEZES}"
         yield Metric(f"{text}: Cancel", cancel_s, "s", "lower", 1.0)
-        yield Metric(f"{text}: next job after Cancel", next_s, "s", "lower", 10.0)
+        yield Metric(f"{text}: next job after Cancel", next_s, "s", "lower")
+        yield Metric(f"{text}: that job beside a first one", starts, "times", "lower", 2.0)
 
 
-def _freeze(when: str) -> tuple[float, float]:
-    """Return the time from Cancel to the end of a job that met a frozen process, and the next."""
+def _freeze(when: str) -> tuple[float, float, float]:
+    """Return how long Cancel and the next job take where a process is frozen.
+
+    Returns:
+        Seconds from Cancel to the end of the job that met the process, seconds that the next job
+        takes, and how often those hold the time of a first job, which a process is started for.
+    """
     pool, frozen_s = ProcessCompute(), list[float]()
+    began_s = time.monotonic()
     pool(length, b"", progress=silent, cancel=never)
+    start_s = time.monotonic() - began_s
 
     def freeze(share: float = 0.0) -> None:
         if not frozen_s:
@@ -195,4 +203,4 @@ def _freeze(when: str) -> tuple[float, float]:
     pool(length, b"", progress=silent, cancel=never)
     done_s = time.monotonic()
     pool.close()
-    return ended_s - frozen_s[0] - 1.0, done_s - ended_s
+    return ended_s - frozen_s[0] - 1.0, done_s - ended_s, (done_s - ended_s) / start_s
