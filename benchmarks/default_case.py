@@ -42,5 +42,6 @@ DEFAULT: Mapping[str, Mapping[str, Any]] = {
     "thickness": {"suites.ultrasound.thickness.SEEDS": range(31_000, 31_008)},
     "rank_ceiling": {"suites.ultrasound.rank_ceiling.SEEDS": range(45_000, 45_016)},
     "speed": {"suites.procedure.speed.SEEDS": range(3)},
+    "saving": {"suites.reliability.saving.KILLS": 25},
     "head_motion": {"suites.procedure.head_motion.SEEDS": range(34_000, 34_004)},
 }

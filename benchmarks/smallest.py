@@ -171,6 +171,14 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
         "suites.procedure.viewer.SETTLE_S": 0.5,
         "suites.procedure.viewer.IDLE_S": 0.5,
     },
+    "saving": {
+        "suites.reliability.saving.KILLS": 1,
+        "suites.reliability.saving.ROWS": 2,
+        "suites.reliability.saving.CUT_STEP": 997,
+        "suites.reliability.saving.FLIPS": 20,
+        "suites.reliability.saving.ROUNDS": 2,
+        "suites.reliability.saving.FREEZES": 1,
+    },
     "kills": {
         "suites.reliability.kills.KILLS": 1,
         "suites.reliability.kills.ENDS": 1,

@@ -9,6 +9,7 @@ RonaError
 ├── StaleResultError         an input has changed since
 ├── NotFoundError            no session, job, capture or tool of that name
 ├── NameTakenError           a file of that name is there, and it is not this session's
+├── FileChangedError         the file of this session is not the one that it was
 ├── SessionFormatError       a file is damaged, foreign or newer
 └── CancelledError           somebody pressed Cancel or Stop
 """
@@ -73,6 +74,12 @@ class NameTakenError(RonaError):
     """A file of that name is there, and it is not the file of this session."""
 
     code = "name_taken"
+
+
+class FileChangedError(RonaError):
+    """The file of a session was changed by another program since it was opened or saved."""
+
+    code = "file_changed"
 
 
 class SessionFormatError(RonaError):

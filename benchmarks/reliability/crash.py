@@ -1,9 +1,10 @@
 """Kill a program that changes a session; count what it had acknowledged, and what of it is lost.
 
 `python -m benchmarks.reliability.crash --kills 40` has a process of its own change a session, some
-thirty times a second: commands, undo, redo, and captures as jobs. Each change is reported once the
-call that made it has returned, each capture once its job says done. The process is ended by
-SIGKILL, and what can be recovered is compared with what was reported, bit by bit.
+thirty times a second: commands, undo, redo, captures as jobs, and saves. Each change is reported
+once the call that made it has returned, each capture once its job says done. The process is ended
+by SIGKILL, and what can be recovered, or is in the file, is compared with what was reported, bit by
+bit. It is part of `python -m benchmarks saving`.
 """
 
 import argparse
@@ -14,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from threading import Timer
@@ -27,11 +29,12 @@ from rona_core.compose import build_registry
 from rona_core.errors import RonaError
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
+from rona_core.session.files import MADE, load_session
 
 WAIT_S = (0.05, 4.0)  # from the first change to the kill
 PAUSE_S = 0.03
 LOOK_S = 3.0  # that a person looks at what was captured
+SAVES = 0.05  # share of what is done
 REPOSITORY = Path(__file__).resolve().parents[2]
 
 
@@ -44,6 +47,8 @@ class Count:
     changes_lost: int
     captures: int
     captures_lost: int
+    saves: int
+    saves_lost: int
     differing: int  # sessions that came back otherwise than they were
     left_over: int  # temporary files that the next start leaves lying
 
@@ -51,7 +56,8 @@ class Count:
 def work(folder: Path, seed: int, captures: float) -> None:
     """Change a session until somebody ends the process, and say so line by line."""
     random = np.random.default_rng(seed)
-    bench = build_registry(folder, processes=False).create("work", seed)
+    hub = build_registry(folder, processes=False)
+    bench = hub.create("work", seed)
     while True:
         time.sleep(PAUSE_S)
         number = int(random.integers(1000))
@@ -62,7 +68,10 @@ def work(folder: Path, seed: int, captures: float) -> None:
             MoveTracker((float(number % 50), 0.0, 0.0)),
         )  # fmt: skip
         try:
-            if random.random() < captures:
+            if random.random() < SAVES:
+                hub.save(file="work")
+                kind = "save"
+            elif random.random() < captures:
                 started = bench.start(StartPointerCapture())
                 ended = bench.jobs.wait(started.id)
                 kind = "capture" if ended.state == "done" else "change"
@@ -106,38 +115,45 @@ def kill_one(folder: Path, seed: int, captures: float, wait_s: float) -> list[di
 
 
 def recovered(folder: Path) -> tuple[Session | None, int]:
-    """Return what a new program recovers, and how many temporary files lie about then."""
+    """Return the newest that a new program recovers or finds, and how many files it leaves."""
     hub = build_registry(folder, processes=False)
     try:
-        if hasattr(hub, "lost"):
-            found = [hub.recover(copy.key)[0].session for copy in hub.lost()]
-        else:  # a version that has copies and offers none: what reading them would give
-            found = [load_session(path) for path in (folder / ".autosave").glob("*.rona")]
-        left = [p for p in folder.rglob(".*") if p.is_file()]
+        found = [hub.recover(copy.key)[0].session for copy in hub.lost()]
+        found += [load_session(path) for path in hub.files.all()]
+        left = [path for path in folder.rglob(".*") if MADE.fullmatch(path.name)]
     finally:
         hub.close_all()
-    return (found[0] if found else None), len(left)
+    return max(found, key=lambda session: len(session.log), default=None), len(left)
 
 
 def measure(kills: int, seed: int, share: float) -> Count:
     """Kill so many processes, at random moments."""
     random = np.random.default_rng(seed)
-    changes = changes_lost = captures = captures_lost = differing = left_over = 0
+    reported: Counter[str] = Counter()
+    missing: Counter[str] = Counter()
+    differing = left_over = 0
     for number in range(kills):
         with tempfile.TemporaryDirectory() as place:
             wait_s = float(random.uniform(*WAIT_S))
             told = kill_one(Path(place), seed + number, share, wait_s)
             session, left = recovered(Path(place))
             kept = 0 if session is None else len(session.log)
-            lost = [t for t in told if int(str(t["revision"])) > kept]
-            changes += len(told)
-            changes_lost += len(lost)
-            captures += sum(t["kind"] == "capture" for t in told)
-            captures_lost += sum(t["kind"] == "capture" for t in lost)
+            reported.update(str(t["kind"]) for t in told)
+            missing.update(str(t["kind"]) for t in told if int(str(t["revision"])) > kept)
             same = [t["digest"] for t in told if t["revision"] == kept]
             differing += bool(same) and session is not None and same[0] != digest(session)
             left_over += left
-    return Count(kills, changes, changes_lost, captures, captures_lost, differing, left_over)
+    return Count(
+        kills=kills,
+        changes=reported["change"],
+        changes_lost=missing["change"],
+        captures=reported["capture"],
+        captures_lost=missing["capture"],
+        saves=reported["save"],
+        saves_lost=missing["save"],
+        differing=differing,
+        left_over=left_over,
+    )
 
 
 def main() -> None:

@@ -13,14 +13,17 @@ import os
 import re
 import shutil
 import tempfile
+import time
 import zipfile
+from collections.abc import Generator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rona_core import __version__
-from rona_core.errors import NotFoundError, SessionFormatError
+from rona_core.errors import NotFoundError, RonaError, SessionFormatError
 from rona_core.session.array_packing import pack
 from rona_core.session.captures import Capture
 from rona_core.session.codec import Arrays, decode, encode
@@ -42,6 +45,9 @@ NPY_VERSION = (1, 0)
 UNITS = {"length": "mm", "angle": "rad", "time": "s", "ultrasound_time": "us", "force": "N"}
 NAMING = "T_a_b is the pose of frame b in frame a; points_a are coordinates in frame a"
 TEMPORARY = ".part"
+LOCK = ".lock"  # in a folder, of who writes a session file there
+WAIT_S = 10.0  # for another program that writes one
+Stamp = tuple[int, ...]
 MADE = re.compile(r"\..+\.[a-z0-9_]{8}\.part")  # .NAME.RANDOM.part, as they are named here
 
 
@@ -138,12 +144,17 @@ def move_whole(temporary: Path, path: Path) -> Path:
     """Give a temporary file of the same folder, complete on the disk, the name ``path``."""
     os.chmod(temporary, 0o644)  # as other files are; temporary ones are private
     os.replace(temporary, path)
-    directory = os.open(path.parent, os.O_RDONLY)
-    try:
-        os.fsync(directory)
-    finally:
-        os.close(directory)
+    sync_folder(path.parent)
     return path
+
+
+def sync_folder(folder: Path) -> None:
+    """Have the disk hold the names in a folder."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def _keep_backup(path: Path) -> None:
@@ -157,6 +168,56 @@ def _keep_backup(path: Path) -> None:
     os.replace(link, path.with_name(path.name + ".bak"))
 
 
+@dataclass(frozen=True, slots=True)
+class FileIdentity:
+    """By what a file is known again."""
+
+    digest: str  # SHA-256 of its bytes
+    stamp: Stamp | None  # see `stamp_of`; None where there was no file
+
+
+def stamp_of(path: Path) -> Stamp | None:
+    """Return what changes with a file: inode, size, times of content and state; None without it."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns
+
+
+def digest_of(data: bytes) -> str:
+    """Return the SHA-256 of the bytes of a file."""
+    return hashlib.sha256(data).hexdigest()
+
+
+@contextlib.contextmanager
+def alone_in(folder: Path) -> Generator[None, None, None]:
+    """Be the only program that writes session files in a folder, for a moment.
+
+    Raises:
+        RonaError: another one has been writing for long.
+        OSError: no right to write.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    descriptor = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
+    ends_s = time.monotonic() + WAIT_S
+    try:
+        while True:
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                break
+            except BlockingIOError as error:
+                if time.monotonic() > ends_s:
+                    text = f"another program has been writing in {folder} for {WAIT_S:.0f} s"
+                    raise RonaError(f"{text}: end it, or save again when it is done") from error
+                time.sleep(0.02)
+            except OSError:  # a file system without locks is no reason not to write
+                break
+        yield
+    finally:
+        os.close(descriptor)
+
+
 def load_session(path: Path | str, name: str | None = None) -> Session:
     """Read a session file; messages call it ``name``, or by its own name.
 
@@ -164,7 +225,11 @@ def load_session(path: Path | str, name: str | None = None) -> Session:
         NotFoundError: no such file.
         SessionFormatError: not a session file, damaged, too large, or newer than this program.
     """
-    path = Path(path)
+    return load_identified(Path(path), name)[0]
+
+
+def load_identified(path: Path, name: str | None = None) -> tuple[Session, FileIdentity]:
+    """Read a session file; return its identity too; errors as in `load_session`."""
     if not path.is_file():
         raise NotFoundError(f"there is no session file {path}")
     name = path.name if name is None else name
@@ -173,7 +238,9 @@ def load_session(path: Path | str, name: str | None = None) -> Session:
         raise SessionFormatError(
             f"{name} has {size / 1e6:.0f} MB: a session file has at most {MAX_FILE_BYTES / 1e6:.0f}"
         )
-    return session_from_bytes(path.read_bytes(), name)
+    stamp = stamp_of(path)  # first: what is written meanwhile has another one
+    data = path.read_bytes()
+    return session_from_bytes(data, name), FileIdentity(digest_of(data), stamp)
 
 
 def session_from_bytes(data: bytes, name: str = "upload") -> Session:

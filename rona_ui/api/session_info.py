@@ -4,6 +4,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from rona_core.app.runtime.saving.autosave import CopyState
+from rona_core.app.runtime.saving.session_files import FileState
 from rona_core.app.runtime.session_registry import SessionRegistry
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.errors import NotFoundError
@@ -26,6 +27,7 @@ class SessionInfo:
     can_redo: bool
     copy: CopyState  # whether a copy is kept of what is not saved
     file: str | None
+    file_state: FileState  # changed or missing: since it was opened or saved, by another program
     seed: int
     created_utc: str
 
@@ -46,6 +48,7 @@ def info(hub: SessionRegistry, bench: Workbench) -> SessionInfo:
         can_redo=bench.store.can_redo,
         copy=hub.copy_state(session.id),
         file=None if path is None else path.name,
+        file_state=hub.file_state(session.id),
         seed=session.setup.seed,
         created_utc=session.created_utc,
     )

@@ -12,7 +12,7 @@ from rona_core.app.runtime.saving.recovery import LostSession, Recovery, restore
 from rona_core.app.runtime.saving.session_files import SessionFiles
 from rona_core.app.runtime.store import Store
 from rona_core.errors import InvalidInputError, NameTakenError, NotFoundError
-from rona_core.session.files import save_session
+from rona_core.session.files import alone_in, save_session
 from rona_ui.resources import sessions_dir
 
 INCOMPLETE = 3  # exit status where not the whole of it could be recovered
@@ -31,8 +31,9 @@ def run(wanted: Any) -> int:
         recovery.discard(lost.key)
         _say({"discarded": lost.key}, f"{_title(lost)} is discarded", as_json=wanted.json)
         return 0
-    path = wanted.out or SessionFiles(folder).free_path(lost.name or lost.key)
-    problem = _write(recovery, lost, path)
+    with alone_in(folder if wanted.out is None else wanted.out.resolve().parent):
+        path = wanted.out or SessionFiles(folder).free_path(lost.name or lost.key)
+        problem = _write(recovery, lost, path)
     text = f"{_title(lost)} is saved in {path}" + (f"; but {problem}" if problem else "")
     _say({"file": str(path), "problem": problem}, text, as_json=wanted.json)
     return INCOMPLETE if problem else 0
@@ -43,8 +44,8 @@ def _write(recovery: Recovery, lost: LostSession, path: Path) -> str | None:
     if path.exists():
         raise NameTakenError(f"{path} exists already: choose another name with --out")
     with recovery.held(lost.key) as copy:
-        session, journal = copy.load()
-        store = Store(session)
+        journal = copy.load()
+        store = Store(journal.session)
         problem = restore(store, journal)
         save_session(store.session, path)
         if problem is None:

@@ -28,6 +28,7 @@ TITLES = {
     "stale_result": "Out of date",
     "not_found": "Not found",
     "name_taken": "Name already in use",
+    "file_changed": "File changed by another program",
     "session_format": "File cannot be opened",
     "cancelled": "Cancelled",
 }

@@ -9,9 +9,10 @@ function show(state) {
   $("sessionbutton").title = session ? `${session.name}: revision ${session.revision}, seed ${session.seed}` : "";
   const saved = $("saved");
   const lacks = session?.recovered ? "● recovered, not saved" : "● not saved";
+  const file = { changed: "Another program has changed the file. ", missing: "The file has been removed. " }[session?.file_state] ?? "";
   saved.textContent = !session ? "" : session.saved ? "saved" : lacks;
   const copy = { kept: "A recovery copy is kept", failed: "No space for a recovery copy" }[session?.copy];
-  saved.title = session?.saved ? `in ${session.file}` : copy ?? "";
+  saved.title = session?.saved ? `in ${session.file}` : file + (copy ?? "");
   saved.classList.toggle("changed", Boolean(session) && !session.saved);
   document.title = session ? `${session.saved ? "" : "● "}${session.name} – RONA` : "RONA";
   $("origin").textContent = state.origin || "NO DEVICES";

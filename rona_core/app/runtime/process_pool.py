@@ -1,10 +1,11 @@
 """A small pool of processes for what only computes, so that the server always answers.
 
 A process is disposable: it holds nothing but the computation that it is busy with. One that was
-killed is replaced, and one that does not heed Cancel is ended.
+killed or does not answer is replaced, and one that does not heed Cancel is ended.
 """
 
 import contextlib
+import ctypes
 import multiprocessing
 import os
 import pickle
@@ -15,7 +16,7 @@ import traceback
 from collections.abc import Callable
 from functools import cache
 from multiprocessing.connection import Connection
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from typing import Any, TypeVar
 
 from threadpoolctl import ThreadpoolController
@@ -27,6 +28,8 @@ T = TypeVar("T")
 POLL_S = 0.05
 PROGRESS_PERIOD_S = 0.05
 GRACE_S = 0.4  # from Cancel to the end of a process that has not looked at it
+FROZEN_S = 3.0  # without a word and without any CPU time, until a process counts as frozen
+AWAKE_S = 0.25  # how often a process that has nothing else to do takes a little CPU time
 CANCEL = b""  # instead of a computation
 
 
@@ -68,6 +71,8 @@ def _listen(pipe: Connection, tasks: SimpleQueue[bytes], cancelled: threading.Ev
     """Take computations and Cancel; end this process at once when the one that asked is gone."""
     while True:
         try:
+            while not pipe.poll(AWAKE_S):  # its CPU time shows that it lives, whatever else it does
+                pass
             message = pipe.recv_bytes()
         except (EOFError, OSError):
             os._exit(0)  # also in the middle of a computation: nobody waits for it any more
@@ -100,16 +105,12 @@ def _reporter(pipe: Connection) -> Progress:
     return progress
 
 
-class _GoneError(Exception):
-    """The process at the other end of the pipe has ended."""
-
-
 class _NotBegunError(Exception):
-    """The process had ended before it took the computation: another one can."""
+    """The process took no computation, since it had ended or did not answer: another one can."""
 
 
 class _Worker:
-    """A spawned process and the pipe to it."""
+    """A spawned process and the pipe to it, used by two threads, since either end may block."""
 
     def __init__(self) -> None:
         context = multiprocessing.get_context("spawn")
@@ -118,10 +119,15 @@ class _Worker:
             target=_serve, args=(far,), name="rona-compute", daemon=True
         )
         self._process.start()
-        far.close()  # so that the process alone holds it, and its end is heard here
+        far.close()  # so that the process alone holds it, and its end is noticed here
+        self._sent: SimpleQueue[bytes | None] = SimpleQueue()  # None: the thread ends
+        self._received: SimpleQueue[bytes | None] = SimpleQueue()  # None: it has ended
         self._ready = False  # it has imported what it needs, and listens
         self._busy = False
-        self._gone = False  # its pipe has ended: so has it, or it will in a moment
+        self._gone = False  # it has ended, is about to, or does not answer: it takes nothing more
+        self._cpu_s, self._quiet = 0.0, 0  # its CPU time, and looks since that last grew
+        for target in (self._send, self._receive):
+            threading.Thread(target=target, name="rona-compute-pipe", daemon=True).start()
 
     @property
     def pid(self) -> int:
@@ -134,68 +140,97 @@ class _Worker:
         return not self._busy and not self._gone and self._process.is_alive()
 
     def kill(self) -> None:
-        """End the process, whatever it does."""
+        """End the process, whatever it does, frozen or not."""
         self._process.kill()
         self._process.join(1.0)
+        self._sent.put(None)
 
     def compute(self, task: bytes, progress: Progress, cancel: Cancel) -> Any:
         """Return what a pickled (function, args) gives; raise what it raises.
 
         Raises:
-            CancelledError: somebody cancelled.
-            RonaError: the process ended in the middle.
-            _NotBegunError: it had ended before.
+            CancelledError: Cancel was pressed.
+            RonaError: the process ended in the middle, or did not answer any more.
+            _NotBegunError: so it did before it had begun.
         """
         begun, cancelled_s = False, None  # cancelled_s: when Cancel was sent
-        try:
-            while True:
-                if cancelled_s is None and cancel():
-                    if not self._busy:
-                        raise CancelledError("cancelled before it began")
-                    cancelled_s = time.monotonic()
-                    self._send(CANCEL)
-                if self._ready and not self._busy:  # it reads at once, however large the task is
-                    self._busy = True
-                    self._send(task)
-                kind, value = self._receive()
-                begun = begun or kind == "begun"
-                if kind == "progress":
-                    progress(value)
-                elif kind in ("result", "error"):
-                    self._busy = False
-                    break
-                if cancelled_s is not None and time.monotonic() - cancelled_s > GRACE_S:
-                    raise CancelledError("cancelled")  # still busy: it will be replaced
-        except _GoneError as error:
-            if cancelled_s is not None:
-                raise CancelledError("cancelled") from error
-            if not begun:
-                raise _NotBegunError from error
-            raise RonaError("the computing process ended unexpectedly: start it again") from error
+        self._quiet = 0
+        while True:
+            if cancelled_s is None and cancel():
+                if not self._busy:
+                    raise CancelledError("cancelled before it began")
+                cancelled_s = time.monotonic()
+                self._sent.put(CANCEL)
+            if self._ready and not self._busy:
+                self._busy = True
+                self._sent.put(task)
+            kind, value = self._next()
+            begun = begun or kind == "begun"
+            if kind == "progress":
+                progress(value)
+            elif kind in ("result", "error"):
+                self._busy = False
+                break
+            elif kind in ("gone", "frozen"):
+                break
+            if cancelled_s is not None and time.monotonic() - cancelled_s > GRACE_S:
+                raise CancelledError("cancelled")  # still busy: it will be replaced
         if cancelled_s is not None:
             raise CancelledError("cancelled")
+        if kind in ("gone", "frozen"):
+            if not begun:
+                raise _NotBegunError
+            what = "ended unexpectedly" if kind == "gone" else "did not answer any more"
+            raise RonaError(f"the computing process {what}: start it again")
         if kind == "error":
             raise value
         return value
 
-    def _send(self, message: bytes) -> None:
-        try:
-            self._pipe.send_bytes(message)
-        except OSError as error:
-            self._gone = True
-            raise _GoneError from error
+    def _next(self) -> tuple[str, Any]:
+        """Return what it says, ``silent`` where that is nothing for a while, or ``frozen``.
 
-    def _receive(self) -> tuple[str, Any]:
-        """Return what it says; ``("silent", None)`` where it says nothing for a while."""
+        Looks are counted and not seconds: while this program is stopped itself, it does not look.
+        """
         try:
-            if not self._pipe.poll(POLL_S):
-                return "silent", None
-            message = self._pipe.recv_bytes()
-        except (EOFError, OSError) as error:
-            self._gone = True
-            raise _GoneError from error
-        self._ready = True
+            message = self._received.get(timeout=POLL_S)
+        except Empty:
+            cpu_s = _cpu_s_of(self.pid)
+            self._quiet = self._quiet + 1 if cpu_s == self._cpu_s else 0
+            self._cpu_s = cpu_s
+            self._gone = self._quiet * POLL_S > FROZEN_S
+            return ("frozen" if self._gone else "silent"), None
+        if message is None:
+            return "gone", None
+        self._ready, self._quiet = True, 0
         return pickle.loads(message)
+
+    def _send(self) -> None:
+        """Send what is to be sent; a large task blocks this thread until the process reads it."""
+        with contextlib.suppress(OSError):  # it has ended, which the other thread notices
+            while (message := self._sent.get()) is not None:
+                self._pipe.send_bytes(message)
+
+    def _receive(self) -> None:
+        """Take what it says, which may come in pieces, until its end of the pipe is gone."""
+        with contextlib.suppress(EOFError, OSError):
+            while True:
+                self._received.put(self._pipe.recv_bytes())
+        self._gone = True
+        self._received.put(None)
+
+
+def _cpu_s_of(pid: int) -> float:
+    """Return the CPU time of a process so far, in seconds [clock_getcpuclockid(3)].
+
+    Where the system does not say it (macOS) that is the time of now, so that none counts as frozen.
+    """
+    clock = ctypes.c_int()
+    try:
+        if ctypes.CDLL(None).clock_getcpuclockid(pid, ctypes.byref(clock)) == 0:
+            return time.clock_gettime(clock.value)
+    except (AttributeError, OSError):
+        pass
+    return time.monotonic()
 
 
 class ProcessCompute:
@@ -225,7 +260,7 @@ class ProcessCompute:
         task = pickle.dumps((function, args))
         try:
             return self._compute(task, progress, cancel)
-        except _NotBegunError:  # killed while it waited: nothing was begun, so nothing is lost
+        except _NotBegunError:  # killed or frozen while it waited: nothing begun, nothing lost
             pass
         try:
             return self._compute(task, progress, cancel)

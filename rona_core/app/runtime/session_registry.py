@@ -4,20 +4,33 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rona_core.app.runtime.saving.autosave import Autosave, CopyState
 from rona_core.app.runtime.saving.recovery import LostSession, Recovery, restore
-from rona_core.app.runtime.saving.session_files import SessionFiles, plain_name
+from rona_core.app.runtime.saving.session_files import FileState, SessionFiles, plain_name
 from rona_core.app.runtime.workbench import Services, Workbench
-from rona_core.errors import InvalidInputError, NotFoundError
+from rona_core.errors import FileChangedError, InvalidInputError, NotFoundError
 from rona_core.session.document import Session, Setup
-from rona_core.session.files import load_session
+from rona_core.session.files import FileIdentity, load_identified, load_session
 
 CURRENT = "current"  # alias for the session that the viewer shows
 MAX_OPEN = 16
 ENDING_S = 1.5  # that the end of the program waits for jobs, all together
+
+
+@dataclass(frozen=True, slots=True)
+class _Origin:
+    """The file of the sessions folder that a session was read from, as it was then."""
+
+    path: Path
+    identity: FileIdentity
+
+
+def _identified(path: Path) -> tuple[Session, _Origin]:
+    session, identity = load_identified(path)
+    return session, _Origin(path, identity)
 
 
 class SessionRegistry:
@@ -35,6 +48,7 @@ class SessionRegistry:
         self._open: dict[str, Workbench] = {}
         self._begun: dict[str, int] = {}  # revision at which what has no file was opened
         self._recovered: set[str] = set()  # and not saved since
+        self._unfiled: set[str] = set()  # whose file another program has changed or removed
         self._current: str | None = None
         self._listeners: list[Callable[[], None]] = []
         with suppress(OSError):  # then somebody who looks at the list is told
@@ -79,9 +93,20 @@ class SessionRegistry:
         return self.files.file(self.get(session_id).session.id)
 
     def is_saved(self, session_id: str) -> bool:
-        """Return whether the file holds the session as it is now."""
+        """Return whether the file holds the session as it is now.
+
+        Where another program has changed or removed the file, a copy of the session is kept.
+        """
         bench = self.get(session_id)
-        return self.files.saved(bench.session.id) == bench.store.revision
+        key = bench.session.id
+        if self.files.state(key) in ("changed", "missing") and key not in self._unfiled:
+            self._unfiled.add(key)
+            self._autosave.unsaved(key)
+        return self.files.saved(key) == bench.store.revision
+
+    def file_state(self, session_id: str) -> FileState:
+        """Return how the file of a session stands beside what was opened or saved."""
+        return self.files.state(self.get(session_id).session.id)
 
     def has_changes(self, session_id: str) -> bool:
         """Return whether something would be lost if the session were closed as it is now."""
@@ -111,7 +136,7 @@ class SessionRegistry:
             SessionFormatError: it is damaged, foreign or newer; what is open stays as it was.
         """
         path = self.files.folder / plain_name(file)
-        return self._add(load_session(path), path)
+        return self._add(*_identified(path))
 
     def open_upload(self, path: Path, name: str) -> Workbench:
         """Open an uploaded session file that lies at ``path``; errors as in ``open_file``."""
@@ -127,13 +152,33 @@ class SessionRegistry:
         """Open a session that was made in Python."""
         return self._add(session)
 
+    def reload(self, session_id: str) -> Workbench:
+        """Open the file of a session anew, in its place; what is not in the file is gone.
+
+        Raises:
+            NotFoundError: it has no file, or that is not there any more.
+            SessionFormatError: the file cannot be read. The session stays as it was then.
+        """
+        key = self.get(session_id).session.id
+        path = self.files.file(key)
+        if path is None:
+            raise NotFoundError("the session has no file to be reloaded: save it first")
+        bench = self._add(*_identified(path), instead_of=key)
+        self.close(key)
+        return bench
+
     def _add(
-        self, session: Session, path: Path | None = None, *, recovered: bool = False
+        self,
+        session: Session,
+        origin: _Origin | None = None,
+        *,
+        recovered: bool = False,
+        instead_of: str | None = None,
     ) -> Workbench:
         with self._lock:
             if session.id in self._open:  # a second copy of an open session is another session
                 session = replace(session, id=Session().id)
-            if len(self._open) >= MAX_OPEN:
+            if len(self._open) - (instead_of in self._open) >= MAX_OPEN:
                 raise InvalidInputError(f"{MAX_OPEN} sessions are open: close one first")
             bench = Workbench(session, self._services, self.files.uploads, self._autosave.keep)
             self._open[session.id] = bench
@@ -141,7 +186,10 @@ class SessionRegistry:
             if recovered:
                 self._recovered.add(session.id)
             self._current = session.id
-        if not recovered and (path is None or not self.files.opened(session, path)):
+        known = origin is not None and self.files.opened(
+            session, origin.path, origin.identity, instead_of
+        )
+        if not recovered and not known:
             self._begun[session.id] = bench.store.revision
         self._tell()
         return bench
@@ -167,6 +215,7 @@ class SessionRegistry:
             del self._open[key]
             self._begun.pop(key, None)
             self._recovered.discard(key)
+            self._unfiled.discard(key)
             if self._current == key:
                 self._current = next(reversed(self._open), None)
         self.files.closed(key)
@@ -211,8 +260,8 @@ class SessionRegistry:
             SessionFormatError: its copy cannot be read; it stays where it is.
         """
         with self._recovery.held(key) as copy:
-            session, journal = copy.load()
-            bench = self._add(session, recovered=True)
+            journal = copy.load()
+            bench = self._add(journal.session, recovered=True)
             problem = restore(bench.store, journal)
             self._autosave.keep(bench.session)
             if problem is None and self.copy_state(bench.session.id) == "kept":
@@ -237,15 +286,22 @@ class SessionRegistry:
         Args:
             session_id: Which session.
             file: Plain name of the file.
-            replace: Write over a file of that name that is not this session's; what was there
-                stays beside it as ``.bak``, and an open session that it belonged to has none then.
+            replace: Write over a file of that name that is not this session's, or that another
+                program has changed; what was there stays beside it as ``.bak``, and an open
+                session that it belonged to has none then.
 
         Raises:
             NameTakenError: there is such a file, and ``replace`` was not said.
+            FileChangedError: another program has changed the file of the session, likewise.
         """
         session = self.get(session_id).session
-        path, other = self.files.save(session, file, replace=replace)
+        try:
+            path, other = self.files.save(session, file, replace=replace)
+        except FileChangedError:
+            self._tell()  # the session is not saved any more
+            raise
         self._recovered.discard(session.id)
+        self._unfiled.discard(session.id)
         self._begun.pop(session.id, None)
         self._autosave.saved(session)
         if other is not None:

@@ -65,7 +65,8 @@ class FileToOpen:
 class FileToSave:
     """Name of the file to write; without one it goes where it came from.
 
-    A file of that name that is not this session's is written over only where ``replace`` says so.
+    A file of that name that is not this session's, or that another program has changed meanwhile,
+    is written over only where ``replace`` says so.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -183,6 +184,12 @@ def save_session(
     to = wanted or FileToSave()
     hub.save(bench.session.id, to.file, replace=to.replace)
     return info(hub, bench)
+
+
+@router.post("/sessions/{session_id}/reload", status_code=201)
+def reload_session(hub: Sessions, bench: Bench, response: Response) -> SessionInfo:
+    """Open the file of a session anew in its place; what is not in the file is gone."""
+    return _made(hub, hub.reload(bench.session.id), response)
 
 
 def _download(name: str, data: bytes) -> Response:

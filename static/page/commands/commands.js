@@ -70,8 +70,6 @@ register(
     enabled: () => view() && session().can_undo, run: () => act("undo") },
   { id: "redo", group: "Edit", title: "Redo", key: "Ctrl+Shift+Z", icon: "redo",
     enabled: () => view() && session().can_redo, run: () => act("redo") },
-  { id: "save", group: "Session", title: "Save", key: "Ctrl+S", icon: "save", anywhere: true,
-    enabled: view, run: () => act("save") },
   { id: "cut-off", group: "Cut", title: "No cut", enabled: () => view() && !view().drawing, run: () => act("cut", "off") },
   { id: "cut-lengthwise", group: "Cut", title: "Cut lengthwise", key: "X",
     enabled: () => view() && !view().drawing, run: () => act("flip", "cut") },

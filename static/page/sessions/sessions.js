@@ -2,7 +2,7 @@
 
 import { $, API, Refused, ask, follow, program, say, send, trying, when } from "../base.js";
 import { find, register, run } from "../commands/commands.js";
-import { link } from "../link.js";
+import { act, link } from "../link.js";
 import { Menu, close, entry, heading, line } from "../commands/menus.js";
 import { onEscape } from "../stop.js";
 import { showHome, showSession } from "../views.js";
@@ -35,6 +35,52 @@ function question(title, text, answers) {
 
 onEscape(() => { const was = $("leave").open; if (was) $("leavecancel").click(); return was; });
 
+const put = async (id, body) => {
+  const saved = await (await send("POST", `/sessions/${id}/save`, body)).json();
+  say(`Saved in ${saved.file}`);
+  return true;
+};
+
+// Save before the session goes out of sight; return whether it is saved.
+async function saveFile({ id, name }) {
+  try {
+    return await put(id, {});
+  } catch (error) {
+    if (error.code !== "file_changed") throw error;
+    return conflict({ id, name });
+  }
+}
+
+// Ask what is to be done where another program has changed the file; return whether it is saved now.
+async function conflict({ id, name }) {
+  const answer = await question(`The file of “${name}” has changed`,
+    "Another program has changed it since you opened or saved it here. Save as… keeps both. Reload opens the file and "
+    + "discards what you changed here. Overwrite replaces the file; what was in it stays beside it as .bak.",
+    { save: "Save as…", keep: "Reload", lose: "Overwrite" });
+  if (answer === "lose") return put(id, { replace: true });
+  if (answer === "save") saveAs(`${name} 2`);
+  if (answer === "keep") await send("POST", `/sessions/${id}/reload`);
+  return false;
+}
+
+// Save goes through the viewer, after what is being typed there; where the file has changed, the
+// program refuses and says so in its state.
+const ANSWER_MS = 5000; // within which a refusal belongs to what was pressed
+let saving = { id: "", until: 0 }; // the session that is being saved so
+function save() {
+  saving = { id: current().id, until: Date.now() + ANSWER_MS };
+  act("save");
+  meet(current());
+}
+
+function meet(session) {
+  if (session?.id !== saving.id || session.file_state !== "changed" || Date.now() > saving.until) return;
+  saving.until = 0;
+  trying(() => conflict(session));
+}
+
+follow("status", ({ session }) => meet(session));
+
 // Put another session in sight by `work()`; ask first where the present one is not saved.
 export async function leaveFor(words, work) {
   const session = await held();
@@ -44,7 +90,7 @@ export async function leaveFor(words, work) {
       + "stays open in the background: return to it by the session menu.",
       { save: "Save first", keep: "Keep open, unsaved" });
     if (answer === "cancel") return;
-    if (answer === "save") await send("POST", `/sessions/${session.id}/save`);
+    if (answer === "save" && !await saveFile(session)) return;
   }
   await work();
   showSession();
@@ -69,7 +115,7 @@ async function closeSession() {
     const answer = await question(`Close “${name}”?`, `“${name}” ${why}. If you close it now, ${loses}.`,
       { save: "Save and close", lose: "Close without saving" });
     if (answer === "cancel") return;
-    if (answer === "save") await send("POST", `/sessions/${id}/save`);
+    if (answer === "save" && !await saveFile({ id, name })) return;
   }
   const last = program.state.sessions.length === 1;
   await send("DELETE", `/sessions/${id}`);
@@ -112,15 +158,15 @@ function rename() {
   naming("Rename the session", "Rename", name, (wanted) => send("POST", `/sessions/${id}/commands/RenameSession`, { name: wanted }));
 }
 
-function saveAs() {
+function saveAs(suggested) {
   const { id, name, file } = current();
-  let refused = ""; // a name that is taken: asked for again, it is replaced
-  naming("Save in a file of another name", "Save", (file ?? name).replace(/\.rona$/, ""), async (wanted) => {
+  let refused = ""; // a name that is taken: given again, it is replaced
+  naming("Save in a file of another name", "Save", suggested ?? (file ?? name).replace(/\.rona$/, ""), async (wanted) => {
     try {
       await send("POST", `/sessions/${id}/save`, { file: wanted, replace: refused === wanted });
       say(`Saved in ${current().file ?? wanted}`);
     } catch (error) {
-      if (error.code !== "name_taken") throw error;
+      if (!["name_taken", "file_changed"].includes(error.code)) throw error;
       refused = wanted;
       $("namingdo").textContent = "Replace";
       throw new Refused(`There is a file “${wanted}” already. Replace it? What was there stays beside it as .bak.`, error.code);
@@ -134,7 +180,7 @@ $("namingfield").addEventListener("input", () => {
 
 // ---------------------------------------------------------------- the menu
 
-function save(path) {
+function fetchFile(path) {
   const made = document.createElement("a");
   made.href = API + path;
   made.download = "";
@@ -169,7 +215,7 @@ function fill(list) {
   const recordings = session ? link.view?.recordings ?? [] : [];
   if (recordings.length) heading(list, "Tracker recordings, for PLUS and 3D Slicer");
   for (const [ordinal, words] of recordings) {
-    entry(list, words, () => save(`/sessions/${id}/captures/${ordinal}/file`), { more: "download" });
+    entry(list, words, () => fetchFile(`/sessions/${id}/captures/${ordinal}/file`), { more: "download" });
   }
 }
 
@@ -187,9 +233,11 @@ register(
   { id: "new", group: "Session", title: "New session", everywhere: true, run: openNew },
   { id: "open", group: "Session", title: "Open…", key: "Ctrl+O", everywhere: true, run: () => { close(); showHome(); } },
   { id: "demo", group: "Session", title: "Demo", everywhere: true, run: openDemo },
-  { id: "saveas", group: "Session", title: "Save as…", enabled: current, run: saveAs },
+  { id: "save", group: "Session", title: "Save", key: "Ctrl+S", icon: "save", anywhere: true,
+    enabled: () => link.view && current(), run: save },
+  { id: "saveas", group: "Session", title: "Save as…", enabled: current, run: () => saveAs() },
   { id: "rename", group: "Session", title: "Rename…", enabled: current, run: rename },
-  { id: "download", group: "Session", title: "Download a copy", enabled: current, run: () => save(`/sessions/${current().id}/file`) },
+  { id: "download", group: "Session", title: "Download a copy", enabled: current, run: () => fetchFile(`/sessions/${current().id}/file`) },
   { id: "close", group: "Session", title: "Close session", enabled: current, run: closeSession },
 );
 

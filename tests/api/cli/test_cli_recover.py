@@ -1,6 +1,8 @@
 """`rona recover`: what it lists, saves, discards and refuses."""
 
+import contextlib
 import json
+import sqlite3
 import sys
 
 import pytest
@@ -77,21 +79,23 @@ def test_what_cannot_be_done_is_refused(left, capsys, tmp_path):
     where = ["--sessions", str(tmp_path)]
     assert "rona recover lists them" in refused(capsys, ["recover", "absent", *where])
     assert "say which session" in refused(capsys, ["recover", "--discard", *where])
-    for path in (tmp_path / ".autosave").glob("*/*.rona"):
+    for path in (tmp_path / ".autosave").glob("*/*.journal"):
         path.write_bytes(b"damaged")
     key = facts(capsys, *where)["recoverable"][0]["key"]
-    assert "not a readable session file" in refused(capsys, ["recover", key, *where])
+    assert "not a readable journal" in refused(capsys, ["recover", key, *where])
     assert main(["recover", *where]) == 0
     assert capsys.readouterr().out.count("a copy that cannot be read") == 3
 
 
 def test_what_is_damaged_in_part_is_saved_and_stays(left, capsys, tmp_path):
-    for path in (tmp_path / ".autosave").glob("*/*.jsonl"):
-        path.write_bytes(b"{\n" + path.read_bytes())
+    for path in (tmp_path / ".autosave").glob("*/*.journal"):
+        with contextlib.closing(sqlite3.connect(path, isolation_level=None)) as database:
+            database.execute("DELETE FROM rows WHERE number > 1")
     where = ["--sessions", str(tmp_path)]
     key = facts(capsys, *where)["recoverable"][0]["key"]
     assert main(["recover", key, *where]) == 3
-    assert "but line 1 of its journal is damaged" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert "but its journal is damaged (its end does not fit): change 2 cannot be read" in out
     assert load_session(tmp_path / "new.rona").name == "new"
     assert len(facts(capsys, *where)["recoverable"]) == 3
 

@@ -77,11 +77,11 @@ def test_no_other_file_is_reached_by_a_key(client, lost, key):
 
 
 def test_a_copy_that_cannot_be_read_says_why(client, web, lost):
-    (path,) = (web.folder / ".autosave").glob(f"*/{lost.id}.rona")
+    (path,) = (web.folder / ".autosave").glob(f"*/{lost.id}.journal")
     path.write_bytes(b"PK damaged")
     (told,) = listed(client)
     assert told["name"] is None
-    assert "not a readable session file" in told["problem"]
+    assert "not a readable journal" in told["problem"]
     assert refused(client.post(f"/recoverable/{told['key']}/open"), 422, "session_format")
     assert path.read_bytes() == b"PK damaged"
 
@@ -109,3 +109,32 @@ def test_a_name_that_is_taken_is_refused_unless_it_is_to_be_replaced(client, at,
     answer = client.post(f"/sessions/{other}/save", json={"file": "taken.rona"})
     assert "open session" in refused(answer, 409, "name_taken")["detail"]
     client.delete(f"/sessions/{other}")
+
+
+def test_a_file_that_another_program_has_changed_is_refused_reloaded_or_replaced(client, at, web):
+    at("POST", "/save", json={"file": "shared"})
+    at("POST", "/commands/RenameSession", json={"name": "mine"})
+    path = web.folder / "shared.rona"
+    save_session(Session(name="theirs"), path)
+    body = refused(at("POST", "/save"), 409, "file_changed")
+    assert "save under another name, reload it, or say" in body["detail"]
+    assert load_session(path).name == "theirs"
+    state = at("GET", "").json()
+    assert (state["saved"], state["changes"], state["file_state"]) == (False, True, "changed")
+    saved = at("POST", "/save", json={"replace": True}).json()
+    assert (saved["saved"], saved["file_state"]) == (True, "same")
+    assert load_session(path).name == "mine"
+
+    path.unlink()
+    state = at("GET", "").json()
+    assert (state["saved"], state["copy"], state["file_state"]) == (False, "kept", "missing")
+    assert refused(at("POST", "/reload"), 404, "not_found")
+    assert at("POST", "/save").json()["saved"]
+
+    save_session(Session(name="theirs"), path)
+    answer = at("POST", "/reload")
+    back = answer.json()
+    assert answer.status_code == 201
+    assert answer.headers["location"] == f"{PREFIX}/sessions/{back['id']}"
+    assert (back["name"], back["saved"], back["current"]) == ("theirs", True, True)
+    client.delete(f"/sessions/{back['id']}")

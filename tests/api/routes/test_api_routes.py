@@ -18,6 +18,7 @@ ROUTES = """
 GET /sessions; POST /sessions; POST /sessions/open; POST /sessions/upload; POST /sessions/demo
 GET /sessions/{session_id}; DELETE /sessions/{session_id}; GET /sessions/{session_id}/file
 POST /sessions/{session_id}/save; POST /sessions/{session_id}/current
+POST /sessions/{session_id}/reload
 GET /recoverable; POST /recoverable/{key}/open; DELETE /recoverable/{key}
 GET /sessions/{session_id}/captures/{ordinal}/file
 POST /sessions/{session_id}/uploads; POST /sessions/{session_id}/undo

@@ -1,5 +1,6 @@
-"""Copies of what is not saved: written after a change and before long work, gone when saved."""
+"""Journals of what is not saved: written with a change and before long work, gone when saved."""
 
+import sqlite3
 import threading
 from dataclasses import replace
 from pathlib import Path
@@ -8,6 +9,7 @@ import pytest
 
 from rona_core.app.runtime.saving import autosave
 from rona_core.app.runtime.saving.autosave import Autosave
+from rona_core.app.runtime.saving.journal import read_journal
 from rona_core.app.runtime.session_registry import SessionRegistry
 from rona_core.app.runtime.session_step import RenameSession
 from rona_core.app.runtime.store import Store
@@ -15,7 +17,7 @@ from rona_core.app.steps.pointer.messages import StartPointerCapture
 from rona_core.app.steps.setup.messages import SetSeed
 from rona_core.compose import build_registry, virtual_services
 from rona_core.session.document import Session
-from rona_core.session.files import load_session, session_bytes
+from rona_core.session.files import session_bytes
 
 DEADLINE_S = 20.0
 
@@ -36,22 +38,34 @@ class Bell:
 
 @pytest.fixture
 def watched(tmp_path):
-    """A watched store, its autosave with a short delay, and the bell."""
+    """A watched store whose changes are kept, its autosave, and the bell."""
     bell, store = Bell(), Store(Session(name="first"))
-    keeper = Autosave(tmp_path, bell, delay_s=0.02)
+    keeper = Autosave(tmp_path, bell)
     keeper.watch(store)
     yield store, keeper, bell
     keeper.close()
     store.close()
 
 
+def change(watched, message):
+    """Change the session as a workbench does, and return it."""
+    store, keeper, _ = watched
+    session = store.dispatch(message).session
+    keeper.keep(session)
+    return session
+
+
+def copy_in(path):
+    return read_journal(path).session
+
+
 def test_a_change_is_copied_and_the_copy_is_the_session(watched):
     store, keeper, bell = watched
     assert keeper.state(store.session.id) == "none"
-    store.dispatch(RenameSession("second"))
+    change(watched, RenameSession("second"))
     bell.wait()
     assert keeper.state(store.session.id) == "kept"
-    copy = load_session(keeper.file(store.session.id))
+    copy = copy_in(keeper.file(store.session.id))
     assert copy.name == "second"
     assert session_bytes(copy) == session_bytes(store.session)
 
@@ -64,14 +78,14 @@ def test_an_unchanged_session_is_not_copied(watched):
 
 def test_what_is_saved_needs_no_copy_until_it_changes_again(watched):
     store, keeper, bell = watched
-    store.dispatch(RenameSession("second"))
+    change(watched, RenameSession("second"))
     bell.wait()
     keeper.saved(store.session)
     assert keeper.state(store.session.id) == "none"
     assert not keeper.file(store.session.id).exists()
-    store.dispatch(RenameSession("third"))
+    change(watched, RenameSession("third"))
     bell.wait()
-    assert load_session(keeper.file(store.session.id)).name == "third"
+    assert copy_in(keeper.file(store.session.id)).name == "third"
 
 
 def test_saving_an_older_state_leaves_the_copy_of_the_newer_one(watched):
@@ -80,48 +94,51 @@ def test_saving_an_older_state_leaves_the_copy_of_the_newer_one(watched):
     newer = store.dispatch(RenameSession("third")).session
     keeper.keep(newer)
     keeper.saved(older)
-    assert load_session(keeper.file(newer.id)).name == "third"
+    assert copy_in(keeper.file(newer.id)).name == "third"
 
 
-def test_a_full_disk_is_told_and_tried_again(watched, monkeypatch):
-    store, keeper, bell = watched
-
-    def full(*args, **kwargs):
-        raise OSError(28, "No space left on device")
-
-    real = autosave.save_session
-    monkeypatch.setattr(autosave, "save_session", full)
-    store.dispatch(RenameSession("second"))
-    bell.wait()
-    assert keeper.state(store.session.id) == "failed"
-    monkeypatch.setattr(autosave, "save_session", real)
-    store.dispatch(RenameSession("third"))
-    bell.wait()
-    assert keeper.state(store.session.id) == "kept"
+FAILURES = [
+    OSError(28, "full"), sqlite3.OperationalError("disk I/O error"), ValueError("no number"),
+    MemoryError(),
+]  # fmt: skip
 
 
-@pytest.mark.parametrize("error", [OSError(28, "full"), ValueError("not a number"), MemoryError()])
-def test_a_copy_that_cannot_be_written_is_tried_again_by_itself(
+@pytest.mark.parametrize("error", FAILURES)
+def test_a_journal_that_cannot_be_written_is_shown_and_tried_again_by_itself(
     watched, monkeypatch, capsys, error
 ):
     store, keeper, bell = watched
-    real, tries = autosave.save_session, []
+    real, tries = autosave.begin_journal, []
 
-    def fails_once(*args, **kwargs):
+    def fails_once(*args):
         tries.append(args)
         if len(tries) == 1:
             raise error
-        return real(*args, **kwargs)
+        return real(*args)
 
     monkeypatch.setattr(autosave, "RETRY_S", 0.2)
-    monkeypatch.setattr(autosave, "save_session", fails_once)
-    store.dispatch(RenameSession("second"))
+    monkeypatch.setattr(autosave, "begin_journal", fails_once)
+    change(watched, RenameSession("second"))
     bell.wait()
-    assert keeper.state(store.session.id) == "failed"
     assert store.session.id in capsys.readouterr().err
     bell.wait()
     assert keeper.state(store.session.id) == "kept"
-    assert load_session(keeper.file(store.session.id)).name == "second"
+    assert copy_in(keeper.file(store.session.id)).name == "second"
+
+
+def test_between_two_tries_no_change_waits_for_the_disk(watched, monkeypatch):
+    store, keeper, _ = watched
+    tries = []
+
+    def full(*args):
+        tries.append(args)
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(autosave, "begin_journal", full)
+    for number in range(5):
+        change(watched, RenameSession(str(number)))
+        assert keeper.state(store.session.id) == "failed"
+    assert len(tries) == 1
 
 
 @pytest.fixture
@@ -132,7 +149,7 @@ def hub(tmp_path):
 
 
 def copies(hub):
-    return sorted((hub.files.folder / autosave.FOLDER).rglob("*.*"))
+    return sorted((hub.files.folder / autosave.FOLDER).rglob("*.journal"))
 
 
 def test_the_copy_is_written_before_long_work_starts(tmp_path):
@@ -140,7 +157,7 @@ def test_the_copy_is_written_before_long_work_starts(tmp_path):
     found = []
 
     def build_rig(setup):  # the first thing that the work does
-        found.extend(load_session(copy).setup.seed for copy in copies(hub))
+        found.extend(copy_in(copy).setup.seed for copy in copies(hub))
         return services.build_rig(setup)
 
     hub = SessionRegistry(replace(services, build_rig=build_rig), tmp_path)
@@ -183,5 +200,5 @@ def test_the_end_of_the_program_keeps_what_was_not_saved(tmp_path):
     bench.dispatch(SetSeed(5))
     hub.close_all()
     (copy,) = copies(hub)
-    assert load_session(copy).setup.seed == 5
+    assert copy_in(copy).setup.seed == 5
     assert not hub.files.all()  # it does not pass for a saved session

@@ -1,6 +1,7 @@
 """Computing in another process: same result, progress, cancel, errors with their type.
 
-Whatever is killed, idle or busy, the next computation works; nothing outlives the program.
+Whatever is killed or frozen, idle or busy, the next computation works and Cancel is answered;
+nothing outlives the program.
 """
 
 import contextlib
@@ -14,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+from rona_core.app.runtime import process_pool
 from rona_core.app.runtime.process_pool import ProcessCompute
 from rona_core.errors import CancelledError, NotReachableError, RonaError
 
@@ -151,6 +153,76 @@ def test_a_process_killed_while_busy_fails_its_job_and_no_other(compute):
         assert type(error) is RonaError
         assert "ended unexpectedly: start it again" in str(error)
         assert run(compute, add, number, 1) == number + 1
+
+
+FROZEN_WHEN = ["starting", "idle", "busy", "busy with a large task", "busy with a large result"]
+LARGE = b"0" * (1 << 22)  # more than a pipe holds, so that either end blocks
+
+
+def length(data, *, progress, cancel):
+    return len(data)
+
+
+def expand(*, progress, cancel):
+    progress(0.5)
+    return LARGE
+
+
+def frozen_pool(when):
+    """Return a pool whose process is stopped in a state, and a call that meets it so."""
+    pool, done = ProcessCompute(), threading.Event()
+
+    def freeze(share=0.0):
+        if not done.is_set():
+            done.set()
+            os.kill(pool.pids[0], signal.SIGSTOP)
+
+    pool.warm_up()
+    if when != "starting":
+        run(pool, add, 1, 1)
+    if when in ("starting", "idle", "busy with a large task"):
+        freeze()
+    met = {"busy": (spin,), "busy with a large result": (expand,)}
+    met |= {"busy with a large task": (length, LARGE)}
+    task = met.get(when, (add, 2, 3))
+    return pool, lambda cancel: run(pool, *task, progress=freeze, cancel=cancel)
+
+
+@pytest.mark.parametrize("when", FROZEN_WHEN)
+def test_a_frozen_process_keeps_no_cancel_waiting_and_the_next_job_runs(when):
+    pool, meet = frozen_pool(when)
+    asked_s = time.monotonic() + 1.0
+    with contextlib.suppress(CancelledError):  # a large result may have come whole before
+        meet(lambda: time.monotonic() > asked_s)
+    assert time.monotonic() < asked_s + 10.0, "a bound for a loaded machine; alone it is 0.5 s"
+    assert run(pool, add, 20, 3) == 23
+    pool.close()
+
+
+@pytest.mark.parametrize("when", FROZEN_WHEN)
+def test_a_frozen_process_is_replaced_without_cancel_too(when):
+    pool, meet = frozen_pool(when)
+    held = pool.pids
+    if when == "busy":
+        with pytest.raises(RonaError, match="did not answer any more: start it again"):
+            meet(lambda: False)
+    else:
+        with contextlib.suppress(RonaError):  # what had begun fails, what had not is done elsewhere
+            assert meet(lambda: False) in (5, len(LARGE), LARGE)
+    assert run(pool, add, 20, 3) == 23
+    if when != "busy with a large result":  # that one may have come whole before it was stopped
+        assert not set(pool.pids) & set(held)
+    pool.close()
+
+
+def test_a_process_that_neither_speaks_nor_counts_but_lives_is_left_alone(compute):
+    """It waits for a slow disk, say, for longer than a frozen one is given."""
+    assert run(compute, sleep_long) == "rested"
+
+
+def sleep_long(*, progress, cancel):
+    time.sleep(process_pool.FROZEN_S + 2.0)
+    return "rested"
 
 
 def test_cancel_ends_what_does_not_look_at_it(compute):

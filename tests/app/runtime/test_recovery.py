@@ -1,8 +1,10 @@
 """What a program that is killed leaves behind, and how it comes back."""
 
+import contextlib
 import os
 import shutil
 import signal
+import sqlite3
 import subprocess
 import sys
 import threading
@@ -76,15 +78,13 @@ def test_every_change_is_written_down_before_it_counts(start):
     for step in steps:
         if step is not None:
             bench.dispatch(step)
-        copy = hub._autosave.file(bench.session.id)
-        base = load_session(copy)
-        added = read_journal(hub._autosave.journal(bench.session.id), len(base.log))
+        added = read_journal(hub._autosave.file(bench.session.id))
         whole += not added.entries
-        store = Store(base)
+        store = Store(added.session)
         assert added.problem is None
         assert journal.replay_entries(store, added.entries) is None
         assert session_bytes(store.session) == session_bytes(bench.session), step
-    # the capture, and steps taken back from before a copy; the rest are lines in the journal
+    # the capture, and steps taken back from before a copy; the rest are rows after it
     assert whole < len(steps) / 2
 
 
@@ -96,7 +96,7 @@ def test_a_finished_capture_is_in_the_copy_when_its_job_says_done(start):
     def look(status):
         if status.state == "done":
             copy = hub._autosave.file(bench.session.id)
-            found.extend([load_session(copy)] if copy.is_file() else [])
+            found.extend([read_journal(copy).session] if copy.is_file() else [])
             looked.set()
 
     bench.jobs.subscribe(look)
@@ -133,8 +133,7 @@ def test_a_long_journal_becomes_a_whole_copy(start):
     lengths = []
     for number in range(MOST_ENTRIES + 3):
         bench.dispatch(SetSeed(number))
-        base = load_session(hub._autosave.file(bench.session.id))
-        lengths.append(len(bench.session.log) - len(base.log))
+        lengths.append(len(read_journal(hub._autosave.file(bench.session.id)).entries))
     assert max(lengths) == MOST_ENTRIES
     assert lengths[-1] < 3
 
@@ -268,11 +267,11 @@ def test_a_copy_that_cannot_be_read_is_shown_and_stays(start):
     bench.dispatch(SetSeed(1))
     path = hub._autosave.file(bench.session.id)
     killed(hub)
-    path.write_bytes(path.read_bytes()[:-20])
+    path.write_bytes(path.read_bytes()[:80])
     hub = start()
     lost = only(hub)
     assert lost.name is None
-    assert "not a readable session file" in lost.problem
+    assert "not a readable journal" in lost.problem
     before = hub.ids()
     with pytest.raises(SessionFormatError):
         hub.recover(lost.key)
@@ -282,51 +281,75 @@ def test_a_copy_that_cannot_be_read_is_shown_and_stays(start):
     assert not path.exists()
 
 
+def sql(*commands):
+    """Return what damages a journal by commands of SQL."""
+
+    def damage(path):
+        with contextlib.closing(sqlite3.connect(path, isolation_level=None)) as database:
+            for command in commands:
+                database.execute(command)
+
+    return damage
+
+
+def impossible(path):
+    """Add a change that cannot be done: what a defect of another version may have written."""
+    entry = LogEntry(5, "SetSeed", {"seed": -2}, "2026-01-01T00:00:00+00:00")
+    journal.append_entries(path, [entry])
+
+
 @pytest.mark.parametrize(
     ("damage", "kept", "problem"),
     [
-        (lambda lines: [*lines[:-1], lines[-1][:-9]], 3, None),  # torn: never acknowledged
-        (lambda lines: [lines[0], b"{", *lines[2:]], 2, "line 2 of its journal is damaged"),
-        (lambda lines: [lines[0], *lines[2:]], 2, "change 3 is not in its journal"),
-        (lambda lines: [lines[0], lines[1].replace(b'"seed": 2', b'"seed": -2'), lines[2]], 2,
-         "change 3 (SetSeed) cannot be done again: SetSeed: seed must be 0 to 2147483647, not -2"),
+        (lambda path: None, 4, None),
+        (sql("UPDATE rows SET data = replace(data, '2', '3') WHERE number = 3"), 2,
+         "its journal is damaged (its digest does not fit): changes 3 to 4 cannot be read"),
+        (sql("DELETE FROM rows WHERE number = 3"), 2,
+         "its journal is damaged (its digest does not fit): changes 3 to 4 cannot be read"),
+        (sql("DELETE FROM rows WHERE number = 4"), 3,
+         "its journal is damaged (its end does not fit): change 4 cannot be read"),
+        (sql("UPDATE rows SET number = 9 WHERE number = 4"), 3,
+         "its journal is damaged (its digest does not fit): change 4 cannot be read"),
+        (sql("DELETE FROM last"), 4, "its journal is damaged (its end does not fit): "
+         "change 4 is the last that can be read, later ones may be missing"),
+        (impossible, 4,
+         "change 5 (SetSeed) cannot be done again: SetSeed: seed must be 0 to 2147483647, not -2"),
     ],
 )  # fmt: skip
-def test_a_damaged_journal_gives_what_comes_before(start, damage, kept, problem):
+def test_a_damaged_journal_gives_what_comes_before_and_stays(start, damage, kept, problem):
     hub = start()
     bench = hub.create("one")
     for seed in range(4):
         bench.dispatch(SetSeed(seed))
-    path = hub._autosave.journal(bench.session.id)
+    path = hub._autosave.file(bench.session.id)
     killed(hub)
-    torn = damage(path.read_bytes().splitlines())
-    path.write_bytes(b"\n".join(torn) + (b"" if problem is None else b"\n"))
+    damage(path)
+    evidence = path.read_bytes()
     hub = start()
     lost = only(hub)
     assert (lost.revision, lost.problem) == (kept, problem)
     back, told = hub.recover(lost.key)
     assert (back.store.revision, told) == (kept, problem)
-    # what is not whole stays, for whoever can do more with it
     assert hub.lost_keys() == (() if problem is None else (lost.key,))
+    assert problem is None or path.read_bytes() == evidence
 
 
-def test_a_copy_written_while_its_journal_was_not_yet_cut_is_right(start):
-    hub = start()
-    bench = hub.create("one")
-    for seed in range(4):
-        bench.dispatch(SetSeed(seed))
-    save_session(bench.session, hub._autosave.file(bench.session.id), backup=False)
-    killed(hub)
-    assert (only(start()).revision, only(start()).problem) == (4, None)
-
-
-def test_copies_of_a_version_without_folders_are_offered_too(start, tmp_path):
+def test_copies_of_an_earlier_version_are_offered_and_its_journals_stay(start, tmp_path):
     session = Store(Session(name="older")).dispatch(SetSeed(3)).session
-    save_session(session, tmp_path / FOLDER / f"{session.id}.rona")
+    folder = tmp_path / FOLDER / "0123456789ab"
+    for name in ("whole", "part"):
+        save_session(replace(session, name=name, id=name), folder / f"{name}.rona")
+    rest = folder / "part.jsonl"
+    rest.write_bytes(b"{\n")
     hub = start()
-    assert (only(hub).name, only(hub).key) == ("older", session.id)
-    assert hub.recover(session.id)[0].session.setup.seed == 3
-    assert hub.lost() == ()
+    problems = {lost.name: lost.problem for lost in hub.lost()}
+    assert problems["whole"] is None
+    assert f"kept in {rest} cannot be read" in problems["part"]
+    for lost in hub.lost():
+        back, _ = hub.recover(lost.key)
+        assert back.session.setup.seed == 3
+    assert [lost.name for lost in hub.lost()] == ["part"]
+    assert rest.read_bytes() == b"{\n"
 
 
 def test_what_cannot_be_recovered_is_refused_and_nothing_changes(start):
@@ -345,23 +368,39 @@ def test_what_cannot_be_recovered_is_refused_and_nothing_changes(start):
     assert only(hub).name == "one"
 
 
-def test_while_one_copy_is_recovered_the_others_of_its_program_stay_within_reach(start, tmp_path):
+def test_while_one_is_recovered_the_others_of_its_program_stay_in_the_list(start, tmp_path):
     hub = start()
     for number in (1, 2):
         hub.create(f"session {number}").dispatch(SetSeed(number))
     killed(hub)
     recovery = Recovery(tmp_path)
     first, second = recovery.keys()
-    with recovery.held(first) as copy:
+    with recovery.held(first):
         assert recovery.keys() == (first, second)
-        with recovery.held(second) as other:
-            assert other.path != copy.path
-        with pytest.raises(NotFoundError), recovery.held(first):
-            pass
         with pytest.raises(NotFoundError), Recovery(tmp_path).held(second):
             pass  # of another program
-    with recovery.held(first):
-        pass
+    for key in (first, second):
+        with recovery.held(key) as copy:
+            assert copy.key == key
+
+
+def test_of_several_threads_one_recovers_a_session(start):
+    hub = start()
+    hub.create("one").dispatch(SetSeed(1))
+    killed(hub)
+    hub = start()
+    (key,), back = hub.lost_keys(), []
+
+    def recover():
+        with contextlib.suppress(NotFoundError):
+            back.append(hub.recover(key))
+
+    threads = [threading.Thread(target=recover) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(back) == len(hub.ids()) == 1
 
 
 def test_what_cannot_be_done_again_for_a_defect_does_not_hide_what_came_before():
@@ -397,31 +436,25 @@ def test_a_copy_stays_until_the_recovered_session_has_one_of_its_own(start, monk
     def full(*args, **kwargs):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(autosave, "save_session", full)
+    monkeypatch.setattr(autosave, "begin_journal", full)
     bench, _ = hub.recover(only(hub).key)
     assert hub.copy_state(bench.session.id) == "failed"
     assert only(hub).name == "one"
 
 
-def test_after_a_journal_that_could_not_be_written_a_whole_copy_is(tmp_path, monkeypatch):
-    store = Store(Session(name="first"))
-    keeper = Autosave(tmp_path, lambda: None, delay_s=1000.0)
+def test_after_a_row_that_could_not_be_written_the_journal_is_begun_anew(tmp_path, monkeypatch):
+    store, retried = Store(Session(name="first")), threading.Event()
+    monkeypatch.setattr(autosave, "RETRY_S", 0.2)
+    keeper = Autosave(tmp_path, lambda: keeper.state(store.session.id) == "kept" and retried.set())
     keeper.watch(store)
     keeper.keep(store.dispatch(SetSeed(1)).session)
-    real = autosave.append_entries
-
-    def tears(path, entries):
-        path.write_bytes(b'{"$type": "LogEn')
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(autosave, "append_entries", tears)
+    retried.clear()
+    path = keeper.file(store.session.id)
+    path.write_bytes(path.read_bytes()[:3000])  # a disk that lost something
     keeper.keep(store.dispatch(SetSeed(2)).session)
-    assert keeper.state(store.session.id) == "failed"
-    monkeypatch.setattr(autosave, "append_entries", real)
-    keeper._settle(keeper._watched[store.session.id])  # as it does by itself some seconds later
-    assert keeper.state(store.session.id) == "kept"
-    assert load_session(keeper.file(store.session.id)).setup.seed == 2
-    assert not keeper.journal(store.session.id).exists()
+    assert retried.wait(DEADLINE_S)
+    held = read_journal(path)
+    assert (held.session.setup.seed, held.entries, held.problem) == (2, (), None)
     keeper.close()
     store.close()
 
@@ -481,7 +514,6 @@ def test_temporary_files_of_killed_programs_go_at_the_start_and_no_others(tmp_pa
         "print('ready', flush=True)\nsys.stdin.read()\n"
     )
     places = [tmp_path / "a.rona", tmp_path / ".uploads/b.stl", tmp_path / FOLDER / "f00/c.rona"]
-    old = tmp_path / FOLDER / ".0123456789ab.rona.x7_abcde"
     users = [tmp_path / ".a.rona.original", tmp_path / ".a.rona.notes.part", tmp_path / "b.part"]
 
     def half_written():
@@ -490,9 +522,8 @@ def test_temporary_files_of_killed_programs_go_at_the_start_and_no_others(tmp_pa
     command = [sys.executable, "-c", script, *map(str, places)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
         assert process.stdout.readline() == b"ready\n"
-        for path in (old, *users):
+        for path in users:
             path.write_bytes(b"half")
-        assert len(half_written()) == 4
         build_registry(tmp_path, processes=False).close_all()
         assert len(half_written()) == 3  # they are being written
         process.send_signal(signal.SIGKILL)

@@ -5,6 +5,8 @@ from typing import Any
 
 import pytest
 
+from rona_core.session.document import Session
+from rona_core.session.files import load_session, save_session
 from tests.helpers.ui.browser_driver import TOKEN, Surgeon, surgeon_at, wait_for
 from tests.helpers.ui.program import Program
 
@@ -135,4 +137,48 @@ def test_work_that_is_not_saved_does_not_go_out_of_sight_without_a_question(
     page.locator("#leavelose").click()
     wait_for(lambda: current(surgeon)["id"] != closing, "another session")
     assert closing not in [s["id"] for s in surgeon.ask("/sessions")["sessions"]]
+    assert surgeon.errors == []
+
+
+def test_a_file_that_another_program_has_changed_is_not_written_over_without_a_question(
+    surgeon: Surgeon, program: Program
+) -> None:
+    page = surgeon.page
+    surgeon.menu("sessionbutton", "New session")
+    if page.locator("#leave").is_visible():
+        page.locator("#leavekeep").click()
+    wait_for(lambda: current(surgeon)["name"] == "untitled", "the new session")
+    post(surgeon, "/sessions/current/commands/RenameSession", {"name": "shared"})
+    path = program.sessions / "shared.rona"
+    wait_for(lambda: page.locator("#save").is_enabled(), "the view of it")
+    page.locator("#save").click()
+    wait_for(path.is_file, "the file")
+
+    def meet() -> None:
+        save_session(Session(name="theirs"), path)
+        post(surgeon, "/sessions/current/commands/SetSeed", {"seed": 5})
+        page.locator("#save").click()
+        page.locator("#leavetitle").get_by_text("has changed").wait_for()
+
+    meet()
+    surgeon.picture("file_changed")
+    page.locator("#leavecancel").click()
+    assert load_session(path).name == "theirs"
+    assert current(surgeon)["file_state"] == "changed"
+    meet()
+    page.locator("#leavesave").click()
+    page.locator("#namingdo").click()
+    wait_for((program.sessions / "shared 2.rona").is_file, "the other file")
+    assert load_session(path).name == "theirs"
+
+    save_session(Session(name="theirs"), program.sessions / "shared 2.rona")
+    page.locator("#save").click()
+    page.locator("#leavelose").click()  # overwrite
+    wait_for(lambda: current(surgeon)["saved"], "the saved session")
+    assert load_session(program.sessions / "shared 2.rona").name == "shared"
+    save_session(Session(name="theirs"), program.sessions / "shared 2.rona")
+    page.locator("#save").click()
+    page.locator("#leavekeep").click()  # reload
+    wait_for(lambda: current(surgeon)["name"] == "theirs", "what is in the file")
+    assert current(surgeon)["saved"]
     assert surgeon.errors == []

@@ -6,7 +6,7 @@ import uuid
 from collections.abc import Generator
 from pathlib import Path
 
-from rona_core.session.files import lock_file
+from rona_core.session.files import lock_file, sync_folder
 
 LOCK = "lock"
 
@@ -39,6 +39,8 @@ class RunFolder:
                 descriptor = os.open(self.path / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
                 lock_file(descriptor)
                 self._descriptor = descriptor
+            for folder in (self._root, self._root.parent):  # it outlives the machine too
+                sync_folder(folder)
         return self.path
 
     def release(self) -> None:
@@ -63,13 +65,21 @@ def dead_folders(root: Path) -> tuple[Path, ...]:
 
 
 def _is_dead(folder: Path) -> bool:
-    with hold(folder) as held:
+    with _hold(folder) as held:
         return held
 
 
 @contextlib.contextmanager
 def hold(folder: Path) -> Generator[bool, None, None]:
     """Hold a folder whose program has ended; yields False where that or another one has it."""
+    with contextlib.ExitStack() as held:
+        with _alone(folder.parent):  # else a look whether it is dead may be in the way
+            taken = held.enter_context(_hold(folder))
+        yield taken
+
+
+@contextlib.contextmanager
+def _hold(folder: Path) -> Generator[bool, None, None]:
     try:
         descriptor = os.open(folder / LOCK, os.O_RDWR)
     except FileNotFoundError:

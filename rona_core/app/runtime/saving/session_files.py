@@ -1,20 +1,28 @@
 """The sessions folder: which open session a file belongs to, and under which name one is saved."""
 
 import threading
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
-from rona_core.errors import InvalidInputError, NameTakenError
+from rona_core.errors import FileChangedError, InvalidInputError, NameTakenError
 from rona_core.session.document import Session
 from rona_core.session.files import (
     SUFFIX,
+    FileIdentity,
+    Stamp,
+    alone_in,
+    digest_of,
     move_whole,
     remove_stale_temporaries,
-    save_session,
+    session_bytes,
+    stamp_of,
     write_whole,
 )
 
 MAX_NAME_BYTES = 200  # file systems take 255; temporary and backup files add to a name
 MAX_UPLOAD_BYTES = 512 * 1024**2
+FileState = Literal["none", "same", "changed", "missing"]  # beside what was opened or saved
 
 
 def plain_name(name: str) -> str:
@@ -39,16 +47,41 @@ def stem_of(title: str) -> str:
     return kept.encode()[: MAX_NAME_BYTES - 20].decode(errors="ignore").strip() or "untitled"
 
 
+@dataclass(slots=True)
+class _Own:
+    """The file of an open session as it was when that was opened from it or saved in it."""
+
+    path: Path
+    revision: int  # of the session, that is in it
+    digest: str
+    stamp: Stamp | None  # with which the file was looked at last
+    state: FileState = "same"  # as it was then
+
+    def look(self, *, afresh: bool = False) -> FileState:
+        """Return how the file stands; it is read only if its stamp has changed, or ``afresh``."""
+        stamp = stamp_of(self.path)
+        if afresh or stamp != self.stamp:
+            self.stamp = stamp
+            try:
+                same = digest_of(self.path.read_bytes()) == self.digest
+                self.state = "same" if same else "changed"
+            except OSError:
+                self.state = "changed" if self.path.exists() else "missing"
+        return self.state
+
+
 class SessionFiles:
-    """Knows the files of the open sessions. A file belongs to one of them at most."""
+    """The files of the open sessions. A file belongs to one of them at most.
+
+    Other programs write in the same folder: what a file was is compared before it is written over.
+    """
 
     def __init__(self, folder: Path) -> None:
         """Keep sessions in ``folder``; what killed programs left half written there goes."""
         self.folder = folder
         self.uploads = folder / ".uploads"
         self._lock = threading.RLock()  # one name is looked at and taken at a time
-        self._files: dict[str, Path] = {}
-        self._saved: dict[str, int] = {}  # revision that is in the file
+        self._own: dict[str, _Own] = {}
         for place in (folder, self.uploads):
             remove_stale_temporaries(place)
 
@@ -58,25 +91,44 @@ class SessionFiles:
 
     def file(self, session_id: str) -> Path | None:
         """Return the file that a session was loaded from or saved to last."""
-        return self._files.get(session_id)
+        own = self._own.get(session_id)
+        return None if own is None else own.path
+
+    def state(self, session_id: str) -> FileState:
+        """Return how the file of a session stands beside what was opened or saved."""
+        own = self._own.get(session_id)
+        return "none" if own is None else own.look()
 
     def saved(self, session_id: str) -> int | None:
-        """Return the revision of a session that is in its file."""
-        return self._saved.get(session_id)
+        """Return the revision of a session that is in its file, if that is still what it was."""
+        own = self._own.get(session_id)
+        return None if own is None or own.look() != "same" else own.revision
 
-    def opened(self, session: Session, path: Path) -> bool:
-        """Take note where a session comes from; False if that is the file of another open one."""
+    def opened(
+        self, session: Session, path: Path, identity: FileIdentity, instead_of: str | None = None
+    ) -> bool:
+        """Take note where a session comes from; False if that is the file of another open one.
+
+        Args:
+            session: The session as it was read.
+            path: Its file.
+            identity: What the file was then.
+            instead_of: Id of an open session that gives this file up.
+        """
         with self._lock:
-            if self._owner(path) is not None:
-                return False
-            self._files[session.id], self._saved[session.id] = path, len(session.log)
+            owner = self._owner(path)
+            if owner is not None:
+                if owner != instead_of:
+                    return False
+                del self._own[owner]
+            own = _Own(path, len(session.log), identity.digest, identity.stamp)
+            self._own[session.id] = own
             return True
 
     def closed(self, session_id: str) -> None:
         """Forget a session; its file stays."""
         with self._lock:
-            self._files.pop(session_id, None)
-            self._saved.pop(session_id, None)
+            self._own.pop(session_id, None)
 
     def save(self, session: Session, file: str | None, *, replace: bool) -> tuple[Path, str | None]:
         """Write a session to its file, or to that of a plain name; see `SessionRegistry.save`.
@@ -84,26 +136,33 @@ class SessionFiles:
         Returns:
             The file, and the open session whose file it was, if it was another one's.
         """
-        with self._lock:
-            own = self._files.get(session.id)
-            path = own or self.free_path(session.name)
+        data = session_bytes(session)
+        with self._lock, alone_in(self.folder):
+            own = self._own.get(session.id)
+            path = self.free_path(session.name) if own is None else own.path
             if file is not None:
                 name = plain_name(file)
                 path = self.folder / (name if name.endswith(SUFFIX) else name + SUFFIX)
             if path.is_dir():
                 raise InvalidInputError(f"{path.name} is a folder: save under another name")
             owner = self._owner(path)
-            if path != own and not replace:
+            if own is not None and path == own.path:
+                if own.look(afresh=True) == "changed" and not replace:
+                    raise FileChangedError(
+                        f"{path.name} was changed by another program since it was opened or saved "
+                        "here: save under another name, reload it, or say that it is to be replaced"
+                    )
+            elif not replace:
                 _require_free(path, owner)
-            save_session(session, path)
+            write_whole(path, data, backup=True)
             other = None if owner == session.id else owner
             if other is not None:
                 self.closed(other)  # its file holds another session now
-            self._files[session.id], self._saved[session.id] = path, len(session.log)
+            self._own[session.id] = _Own(path, len(session.log), digest_of(data), stamp_of(path))
             return path, other
 
     def _owner(self, path: Path) -> str | None:
-        return next((key for key, file in self._files.items() if file == path), None)
+        return next((key for key, own in self._own.items() if own.path == path), None)
 
     def free_path(self, name: str) -> Path:
         """Return a path in the folder that nobody uses, after the name of a session."""
