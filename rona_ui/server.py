@@ -26,6 +26,7 @@ from rona_core.app.runtime.session_registry import SessionRegistry
 from rona_core.errors import InvalidInputError
 from rona_ui.api import problems
 from rona_ui.api.access_guard import LOOPBACK, Access, Guard, is_loopback
+from rona_ui.api.bodies import BODY_BYTES
 from rona_ui.api.context import PREFIX
 from rona_ui.api.routes import (
     commands,
@@ -46,7 +47,6 @@ from rona_ui.api.streams import Streams
 from rona_ui.resources import sessions_dir, static_dir
 from rona_ui.viewer.gateway import MAX_MESSAGE_BYTES, ViewerGateway
 
-MAX_BODY_BYTES = 1024**2  # of a request that is not an upload
 GRACE_S = 1  # for requests under way when the server ends
 PORT = 8642
 SESSION_PAGE = "/session"
@@ -133,7 +133,7 @@ def bare_app(hub: SessionRegistry, gateway: ViewerGateway | None) -> FastAPI:
         docs_url=None,
         redoc_url=None,
         openapi_tags=[{"name": name, "description": text} for name, text in TAGS.items()],
-        max_body_size=MAX_BODY_BYTES,
+        max_body_size=BODY_BYTES,
     )
     app.state.hub = hub
     app.state.streams = Streams()

@@ -21,10 +21,11 @@ from rona_core.app.steps.scan.landmarks.view import landmark_report
 from rona_core.app.steps.tool.calibration_view import calibration_view
 from rona_core.errors import NotFoundError
 from rona_core.session.document import Session
+from rona_ui.api.bodies import BodyRoute
 from rona_ui.api.context import Bench
 from rona_ui.api.json_response import FastJson, described, plain
 
-router = APIRouter(tags=["results"])
+router = APIRouter(route_class=BodyRoute, tags=["results"])
 
 MaxPoints = Annotated[
     int | None,

@@ -15,14 +15,15 @@ from rona_core.devices.settings import STRICT, require
 from rona_core.errors import NotFoundError
 from rona_core.session.document import require_seed
 from rona_core.session.files import SUFFIX, session_bytes
+from rona_ui.api.bodies import BodyRoute
 from rona_ui.api.context import EXACT, PREFIX, Bench, SessionId, Sessions
 from rona_ui.api.file_body import RAW_BODY, FileName, spooled
 from rona_ui.api.json_response import plain
 from rona_ui.api.session_info import SessionInfo, found, info, infos
 from rona_ui.resources import demo_session
 
-router = APIRouter(tags=["session"])
-files = APIRouter(tags=["files"])
+router = APIRouter(route_class=BodyRoute, tags=["session"])
+files = APIRouter(route_class=BodyRoute, tags=["files"])
 
 FILE: dict[int | str, dict[str, Any]] = {
     200: {"content": {"application/octet-stream": {}}, "description": "The file"}

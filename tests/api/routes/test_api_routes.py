@@ -193,7 +193,7 @@ def test_what_does_not_fit_is_named(at, body, pointer):
     assert problem["errors"][0]["pointer"] == pointer
 
 
-@pytest.mark.parametrize("text", [b"{", b"\xff\xfe", b"[" * 100_000, b'{"seed": 1' + b"0" * 5000])
+@pytest.mark.parametrize("text", [b"{", b"\xff\xfe", b"[" * 60_000, b'{"seed": 1' + b"0" * 5000])
 def test_a_body_that_is_not_json_is_a_problem(at, text):
     answer = at("POST", "/commands/SetSeed", content=text, headers=JSON)
     assert answer.status_code in (400, 422)
