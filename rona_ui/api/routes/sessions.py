@@ -1,6 +1,6 @@
 """Sessions: make, list, open, save, download, upload, show, close; and files of specimens."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import Annotated, Any, ClassVar, Literal
 from urllib.parse import quote
 
@@ -156,9 +156,10 @@ def get_session(hub: Sessions, session_id: SessionId) -> dict[str, Any]:
 
 def _specimen(specimen: Any) -> dict[str, Any]:
     """Return what describes a specimen, without its volume."""
+    held = {field.name: getattr(specimen, field.name) for field in fields(specimen)}
     kept = {
-        key: value
-        for key, value in plain(specimen, 8).items()
+        name: plain(value)
+        for name, value in held.items()
         if value is None or isinstance(value, bool | int | float | str)
     }
     return {"kind": type(specimen).__name__, **kept}

@@ -23,6 +23,7 @@ GET /sessions/{session_id}/captures/{ordinal}/file
 POST /sessions/{session_id}/uploads; POST /sessions/{session_id}/undo
 POST /sessions/{session_id}/redo; GET /sessions/{session_id}/steps
 GET /sessions/{session_id}/results/{step}; GET /sessions/{session_id}/frames
+GET /sessions/{session_id}/results/{step}/array
 GET /sessions/{session_id}/calibration/{step}; GET /sessions/{session_id}/ascans/{scan}/{number}
 GET /sessions/{session_id}/quality; GET /sessions/{session_id}/report
 GET /sessions/{session_id}/volume
