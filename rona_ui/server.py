@@ -28,7 +28,7 @@ from rona_core.errors import InvalidInputError
 from rona_ui.api import problems
 from rona_ui.api.access_guard import LOOPBACK, Access, Guard, is_loopback
 from rona_ui.api.answers import InPieces
-from rona_ui.api.bodies import BODY_BYTES
+from rona_ui.api.bodies import AT_ONCE, BODY_BYTES
 from rona_ui.api.context import PREFIX
 from rona_ui.api.json_response import FastJson
 from rona_ui.api.routes import (
@@ -141,6 +141,7 @@ def bare_app(hub: SessionRegistry, gateway: ViewerGateway | None) -> FastAPI:
     app.add_middleware(InPieces)
     app.state.hub = hub
     app.state.streams = Streams()
+    app.state.turns = asyncio.Semaphore(AT_ONCE)
     problems.install(app)
     _add_pages(app)  # before the interface: FastAPI prepares a route when it is first passed
     if gateway is not None:
@@ -169,8 +170,11 @@ def _add_pages(app: FastAPI) -> None:
         app.router.routes.append(Route(path, page(name), methods=["GET", "HEAD"]))
     icon = page("icon.svg")
     app.router.routes.append(Route("/favicon.ico", icon, methods=["GET", "HEAD"]))
-    path = f"{PREFIX}/openapi.json"
-    app.router.routes.append(Route(path, lambda request: FastJson(app.openapi())))
+
+    def document(request: Request) -> Response:
+        return FastJson(app.openapi())
+
+    app.router.routes.append(Route(f"{PREFIX}/openapi.json", document))
     app.mount("/static", StaticFiles(directory=folder), name="static")
 
 

@@ -17,7 +17,7 @@ class InPieces:
     """Sends what ``app`` answers in pieces, between which the event loop does other things.
 
     An answer of more than ``LEAST_PACKED`` bytes is packed (gzip, in a thread) for a client that
-    takes it so, where its first bytes shrink: text does, RF and files that are packed do not.
+    takes it so, where its first bytes shrink: text and RF do, files that are packed already do not.
     """
 
     def __init__(self, app: ASGIApp) -> None:
