@@ -35,7 +35,10 @@ class InPieces:
         async def sending(message: Message) -> None:
             nonlocal start
             if message["type"] == "http.response.start":
-                start = message  # until it is clear whether the body is packed
+                if "content-length" in Headers(raw=message["headers"]):
+                    start = message  # until it is clear whether the body is packed
+                else:  # a stream: who follows it sees at once that it is open
+                    await send(message)
                 return
             body = message.get("body", b"")
             if start is not None:

@@ -238,6 +238,24 @@ def test_what_comes_bit_by_bit_is_handed_on_as_it_comes():
     assert b"content-encoding" not in headers
 
 
+def test_a_stream_is_open_before_its_first_event():
+    async def run():
+        sent, opened = [], asyncio.Event()
+
+        async def app(scope, receive, send):
+            await send({"type": "http.response.start", "status": 200, "headers": []})
+            assert [message["type"] for message in sent] == ["http.response.start"]
+            opened.set()
+
+        async def send(message):
+            sent.append(message)
+
+        await InPieces(app)({"type": "http", "headers": []}, None, send)
+        return opened.is_set()
+
+    assert asyncio.run(run())
+
+
 # -- nothing is computed in the event loop ---------------------------------------------------------
 
 
