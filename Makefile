@@ -43,7 +43,11 @@ COMPILED := PYTHONDONTWRITEBYTECODE=
 IN_FILES := --dist loadfile --no-loadscope-reorder
 EXAMPLES ?= 1
 # suites of `make reliability`
+<<<<<<< HEAD
 RELIABILITY := kills saving
+=======
+RELIABILITY := kills stop
+>>>>>>> wt-stop
 # seconds: stops a run that hangs
 TEST_LIMIT ?= 3600
 

@@ -41,6 +41,7 @@ SUITES: Mapping[str, str] = {
     "viewer": "procedure",
     "kills": "reliability",
     "saving": "reliability",
+    "stop": "reliability",
     "procedure": "procedure",
     "mounting": "procedure",
     "head_motion": "procedure",

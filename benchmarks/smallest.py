@@ -185,6 +185,10 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
         "suites.reliability.kills.BUSY": (True,),
         "suites.reliability.kills.KILLED": ("worker and resource tracker",),
     },
+    "stop": {
+        "suites.reliability.stop.STOPS": 5,
+        "suites.reliability.stop.CLIENTS": 1,
+    },
     "procedure": {
         "suites.procedure.procedure.SEEDS": (0,),
         "suites.procedure.procedure.run_demo": short_procedure,

@@ -6,6 +6,7 @@ import os
 import secrets
 import shutil
 import socket
+import threading
 import webbrowser
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -26,7 +27,10 @@ from rona_core.app.runtime.session_registry import SessionRegistry
 from rona_core.errors import InvalidInputError
 from rona_ui.api import problems
 from rona_ui.api.access_guard import LOOPBACK, Access, Guard, is_loopback
+from rona_ui.api.answers import InPieces
+from rona_ui.api.bodies import AT_ONCE, BODY_BYTES
 from rona_ui.api.context import PREFIX
+from rona_ui.api.json_response import FastJson
 from rona_ui.api.routes import (
     commands,
     events,
@@ -46,7 +50,6 @@ from rona_ui.api.streams import Streams
 from rona_ui.resources import sessions_dir, static_dir
 from rona_ui.viewer.gateway import MAX_MESSAGE_BYTES, ViewerGateway
 
-MAX_BODY_BYTES = 1024**2  # of a request that is not an upload
 GRACE_S = 1  # for requests under way when the server ends
 PORT = 8642
 SESSION_PAGE = "/session"
@@ -129,14 +132,16 @@ def bare_app(hub: SessionRegistry, gateway: ViewerGateway | None) -> FastAPI:
         version=__version__,
         summary="Plan, rehearse and evaluate a robot-held ultrasound scan of the skull.",
         description=f"{events.NOTICE.capitalize()}. Lengths are mm; names carry their unit.",
-        openapi_url=f"{PREFIX}/openapi.json",
+        openapi_url=None,  # `_add_pages` has a route of its own, which answers from a thread
         docs_url=None,
         redoc_url=None,
         openapi_tags=[{"name": name, "description": text} for name, text in TAGS.items()],
-        max_body_size=MAX_BODY_BYTES,
+        max_body_size=BODY_BYTES,
     )
+    app.add_middleware(InPieces)
     app.state.hub = hub
     app.state.streams = Streams()
+    app.state.turns = asyncio.Semaphore(AT_ONCE)
     problems.install(app)
     _add_pages(app)  # before the interface: FastAPI prepares a route when it is first passed
     if gateway is not None:
@@ -165,14 +170,24 @@ def _add_pages(app: FastAPI) -> None:
         app.router.routes.append(Route(path, page(name), methods=["GET", "HEAD"]))
     icon = page("icon.svg")
     app.router.routes.append(Route("/favicon.ico", icon, methods=["GET", "HEAD"]))
+
+    def document(request: Request) -> Response:
+        return FastJson(app.openapi())
+
+    app.router.routes.append(Route(f"{PREFIX}/openapi.json", document))
     app.mount("/static", StaticFiles(directory=folder), name="static")
 
 
 def _describe(app: FastAPI) -> None:
     """Add the problem and the token to the OpenAPI document."""
     generate = app.openapi
+    lock = threading.Lock()  # it is made in threads, and once
 
     def openapi() -> dict[str, Any]:
+        with lock:
+            return described()
+
+    def described() -> dict[str, Any]:
         if app.openapi_schema is None:
             document = generate()
             for verbs in document["paths"].values():

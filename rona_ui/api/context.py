@@ -1,6 +1,8 @@
 """Dependencies of the routes: session registry, open session, devices."""
 
+from dataclasses import is_dataclass
 from functools import partial
+from itertools import islice
 from typing import Annotated, Any, LiteralString, cast
 from weakref import WeakKeyDictionary
 
@@ -13,6 +15,7 @@ from rona_core.app.runtime.session_registry import SessionRegistry
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.devices.protocols import Rig
 from rona_core.errors import DeviceError, RonaError
+from rona_ui.api.problems import MOST_ERRORS
 from rona_ui.api.streams import Streams
 
 PREFIX = "/api/v1"
@@ -31,7 +34,12 @@ class Exact:
 
 
 def _require_fitting(kind: Any, body: Any) -> Any:
-    """Return a body unless ``misfits`` finds something; then all of that is told."""
+    """Return a body unless ``misfits`` finds something; then the first of that is told.
+
+    A dataclass has been looked at already, in a thread (``BodyRoute``).
+    """
+    if is_dataclass(body):
+        return body
     wrong = [
         InitErrorDetails(
             type=PydanticCustomError(
@@ -42,7 +50,7 @@ def _require_fitting(kind: Any, body: Any) -> Any:
             loc=found.path,
             input=None,
         )
-        for found in misfits(body, kind)
+        for found in islice(misfits(body, kind), MOST_ERRORS + 1)
     ]
     if wrong:
         raise ValidationError.from_exception_data("body", wrong)

@@ -1,16 +1,22 @@
-"""Results and captures as plain JSON: poses as quaternion and translation, arrays as lists."""
+"""Results and captures as plain JSON; long arrays stand in it as a reference to their bytes."""
 
 import dataclasses
-import json
+import io
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, cast
+from urllib.parse import quote
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 from starlette.responses import Response
 
+from rona_core.errors import NotFoundError
 from rona_core.geometry.pose import Pose, Poses
+
+LONGEST_ARRAY = 2000  # values of an array that JSON holds, some 40 KB
+NPY = "application/octet-stream"
 
 
 def described(*kinds: str) -> dict[int | str, dict[str, Any]]:
@@ -26,43 +32,98 @@ class FastJson(Response):
 
     def render(self, content: Any) -> bytes:
         """Encode ``content``."""
-        return json.dumps(content, allow_nan=False, separators=(",", ":")).encode()
+        return msgspec.json.encode(content)
 
 
-def plain(value: Any, max_points: int | None = None) -> Any:
-    """Return ``value`` as JSON values.
+def plain(value: Any, max_points: int | None = None, array_at: str | None = None) -> Any:
+    """Return ``value`` as JSON values: poses as quaternion and translation, arrays as lists.
 
     Args:
         value: A dataclass of the session, or what it consists of.
         max_points: Longest array along its first axis; longer ones are thinned out evenly, all
             of one length in the same way, so that rows still belong together.
+        array_at: Where the arrays of ``value`` can be had, an address relative to that of the
+            answer that ends in a JSON pointer. Arrays of more than ``LONGEST_ARRAY`` values are
+            then a reference: ``shape``, ``dtype`` and the address ``npy``. None: all are lists.
     """
-    if value is None or isinstance(value, bool | int | str):
-        return value
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, np.generic):
         return plain(value.item())
     if isinstance(value, np.ndarray):
-        return _plain_array(value, max_points)
-    if isinstance(value, Pose):
-        return {"wxyz": value.wxyz().tolist(), "translation_mm": value.translation.tolist()}
-    if isinstance(value, Poses):
+        return _plain_array(value, max_points, array_at)
+    inside = _opened(value)
+    if isinstance(inside, dict):
         return {
-            "wxyz": _plain_array(value.wxyz(), max_points),
-            "translations_mm": _plain_array(value.translations, max_points),
+            name: plain(item, max_points, _below(array_at, name)) for name, item in inside.items()
         }
+    if isinstance(inside, list):
+        return [
+            plain(item, max_points, _below(array_at, str(number)))
+            for number, item in enumerate(inside)
+        ]
+    return inside
+
+
+def array_in(value: Any, pointer: str) -> NDArray[Any]:
+    """Return the array at a JSON pointer into what ``plain`` makes of ``value``.
+
+    Raises:
+        NotFoundError: there is no array.
+    """
+    held = value
+    for token in pointer.split("/")[1:]:
+        name = token.replace("~1", "/").replace("~0", "~")
+        inside = _opened(held)
+        if isinstance(inside, dict) and name in inside:
+            held = inside[name]
+        elif isinstance(inside, list) and name.isdecimal() and int(name[:9]) < len(inside):
+            held = inside[int(name[:9])]
+        else:
+            raise NotFoundError(_no_array(pointer))
+    if not isinstance(held, np.ndarray):
+        raise NotFoundError(_no_array(pointer))
+    return held
+
+
+def npy_of(array: NDArray[Any]) -> bytes:
+    """Return an array as a file of numpy (``.npy``), in C order."""
+    file = io.BytesIO()
+    np.save(file, np.ascontiguousarray(array), allow_pickle=False)
+    return file.getvalue()
+
+
+def _no_array(pointer: str) -> str:
+    return f"there is no array at {pointer!r}: take `npy` of the results as it stands there"
+
+
+def _below(array_at: str | None, name: str) -> str | None:
+    if array_at is None:
+        return None
+    return f"{array_at}/{quote(name.replace('~', '~0').replace('/', '~1'), safe='')}"
+
+
+def _opened(value: Any) -> Any:
+    """Return a dict or a list of what ``value`` consists of, or what has no parts as it is."""
+    if value is None or isinstance(value, bool | int | float | str | np.generic | np.ndarray):
+        return value
+    if isinstance(value, Pose):
+        return {"wxyz": value.wxyz(), "translation_mm": value.translation}
+    if isinstance(value, Poses):
+        return {"wxyz": value.wxyz(), "translations_mm": value.translations}
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        names = (field.name for field in dataclasses.fields(value))
-        return {name: plain(getattr(value, name), max_points) for name in names}
+        return {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
     if isinstance(value, Mapping):
-        return {str(key): plain(item, max_points) for key, item in value.items()}
-    return [plain(item, max_points) for item in cast("Sequence[Any]", value)]
+        return {str(key): item for key, item in value.items()}
+    return list(cast("Sequence[Any]", value))
 
 
-def _plain_array(array: NDArray[Any], max_points: int | None) -> Any:
+def _plain_array(array: NDArray[Any], max_points: int | None, array_at: str | None) -> Any:
+    shape = array.shape
     if max_points is not None and array.ndim and len(array) > max_points:
         array = array[np.linspace(0, len(array) - 1, max_points).round().astype(int)]
+    if array_at is not None and array.size > LONGEST_ARRAY:
+        return {"shape": list(shape), "dtype": array.dtype.name, "npy": array_at}
     if array.dtype.kind == "f" and not np.isfinite(array).all():
         masked = array.astype(object)
         masked[~np.isfinite(array)] = None

@@ -9,12 +9,15 @@ from typing import Any
 
 from fastapi import FastAPI
 from fastapi.exceptions import RequestValidationError
+from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response
 
 from rona_core.errors import InvalidInputError, NotFoundError, RonaError, SessionFormatError
 
+MOST_ERRORS = 20  # that one answer names
+LONGEST_DETAIL, LONGEST_PLACE = 1000, 200  # characters: what was sent is not sent back
 MEDIA_TYPE = "application/problem+json"
 STATUS: dict[type[RonaError], int] = {  # all others: 409
     InvalidInputError: 422,
@@ -58,10 +61,10 @@ def problem(
         "title": title,
         "status": status,
         "code": code or usual,
-        "detail": detail,
+        "detail": shortened(detail, LONGEST_DETAIL),
     }
     if errors:
-        body["errors"] = list(errors)
+        body["errors"] = list(errors[:MOST_ERRORS])
     text = json.dumps(body, ensure_ascii=True, allow_nan=False)
     return Response(text, status, headers=headers, media_type=MEDIA_TYPE)
 
@@ -70,6 +73,11 @@ def problem_of(error: RonaError) -> Response:
     """Return the problem that stands for an error of the core."""
     status = next((code for kind, code in STATUS.items() if isinstance(error, kind)), 409)
     return problem(status, str(error), code=error.code)
+
+
+def shortened(text: str, most: int) -> str:
+    """Return a text of at most so many characters."""
+    return text if len(text) <= most else f"{text[: most - 1]}…"
 
 
 def install(app: FastAPI) -> None:
@@ -81,15 +89,18 @@ def install(app: FastAPI) -> None:
 
     @app.exception_handler(RequestValidationError)
     async def _invalid(request: Request, error: RequestValidationError) -> Response:
-        errors = [_place(item) for item in error.errors()]
+        found = error.errors()
+        errors = [_place(item) for item in found[:MOST_ERRORS]]
         first = f"{errors[0]['pointer']}: {errors[0]['detail']}" if errors else "not valid"
         more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
+        if len(found) > MOST_ERRORS:
+            more = f" (and more; the first {MOST_ERRORS} are named)"
         return problem(422, first + more, errors=errors)
 
     @app.exception_handler(HTTPException)
     async def _http(request: Request, error: HTTPException) -> Response:
         headers = dict(error.headers or {})
-        if error.status_code == 405 and (methods := _methods(request)):
+        if error.status_code == 405 and (methods := await run_in_threadpool(_methods, request)):
             headers["Allow"] = ", ".join(methods)
         return problem(error.status_code, str(error.detail), headers=headers)
 
@@ -122,13 +133,14 @@ def _place(item: dict[str, Any]) -> dict[str, str]:
     where, *path = [str(part) for part in item.get("loc", ("body",))]
     whole = [part.encode(errors="replace").decode() for part in path]
     tokens = [part.replace("~", "~0").replace("/", "~1") for part in whole]
-    pointer = "".join(f"/{token}" for token in tokens)
+    pointer = shortened("".join(f"/{token}" for token in tokens), LONGEST_PLACE)
     if where != "body":
         pointer = f"{where}:{pointer.removeprefix('/')}"
     message = str(item.get("msg", "not valid")).removeprefix("Value error, ")
     given = item.get("input")
     if isinstance(given, float) and not math.isfinite(given):
         message = "expected a finite number"
+    message = shortened(message, LONGEST_PLACE)
     return {"pointer": pointer, "detail": message, "code": str(item.get("type", "invalid"))}
 
 

@@ -20,7 +20,14 @@ class EventStream(StreamingResponse):
     def __init__(self, events: AsyncIterator[bytes], status_code: int = 200) -> None:
         """Send ``events`` as they come."""
         headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-        super().__init__(events, status_code, headers=headers)
+        super().__init__(_one_by_one(events), status_code, headers=headers)
+
+
+async def _one_by_one(events: AsyncIterator[bytes]) -> AsyncIterator[bytes]:
+    """Let the event loop do other things between any two events, however many are there."""
+    async for each in events:
+        yield each
+        await asyncio.sleep(0)
 
 
 class Waker:

@@ -11,9 +11,10 @@ import typing
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from numbers import Integral, Real
-from typing import Any, Literal, Union, cast
+from typing import Annotated, Any, Literal, Union, cast
 
 from rona_core.app.declarations.declarations import Message
+from rona_core.app.messages.lengths import Length
 from rona_core.errors import InvalidInputError
 
 Place = tuple[str | int, ...]
@@ -37,7 +38,9 @@ def misfits(value: object, hint: Any, path: Place = ()) -> Iterator[Misfit]:
         path: Where ``value`` stands.
     """
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
-    if origin in (Union, types.UnionType):
+    if origin is Annotated:
+        yield from _of_length(value, arguments, path)
+    elif origin in (Union, types.UnionType):
         tried = [tuple(misfits(value, option, path)) for option in arguments]
         if all(tried):  # the first option is meant, None is for what is left out
             yield from tried[0]
@@ -72,6 +75,18 @@ _SIMPLE: dict[Any, tuple[str, str, Callable[[object], bool]]] = {
 }
 
 
+def _of_length(value: object, arguments: tuple[Any, ...], path: Place) -> Iterator[Misfit]:
+    """Look at how long a list is first, then at its values."""
+    for limit in arguments[1:]:
+        if isinstance(limit, Length) and isinstance(value, list | tuple):
+            count = len(cast("list[object]", value))
+            if not limit.least <= count <= limit.most:
+                expected = f"{limit.least} to {limit.most} values, not {count}"
+                yield Misfit(path, "list_length", expected)
+                return
+    yield from misfits(value, arguments[0], path)
+
+
 def _of_tuple(value: object, arguments: tuple[Any, ...], path: Place) -> Iterator[Misfit]:
     if not isinstance(value, list | tuple):
         yield Misfit(path, "tuple_type", "a list")
@@ -89,7 +104,7 @@ def _of_tuple(value: object, arguments: tuple[Any, ...], path: Place) -> Iterato
 
 @cache
 def _hints(kind: type) -> dict[str, Any]:
-    hints = typing.get_type_hints(kind)
+    hints = typing.get_type_hints(kind, include_extras=True)
     return {field.name: hints[field.name] for field in dataclasses.fields(kind)}
 
 

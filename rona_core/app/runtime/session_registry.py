@@ -74,15 +74,17 @@ class SessionRegistry:
     def get(self, session_id: str = CURRENT) -> Workbench:
         """Return the workbench of an open session.
 
+        It waits for no lock: Stop asks here while another session may be opened.
+
         Raises:
             NotFoundError: it is not open.
         """
-        with self._lock:
-            wanted = self._current if session_id == CURRENT else session_id
-            if wanted is None or wanted not in self._open:
-                known = ", ".join(self._open) or "none"
-                raise NotFoundError(f"there is no open session {session_id!r} (open: {known})")
-            return self._open[wanted]
+        wanted = self._current if session_id == CURRENT else session_id
+        found = None if wanted is None else self._open.get(wanted)
+        if found is None:
+            known = ", ".join(tuple(self._open)) or "none"
+            raise NotFoundError(f"there is no open session {session_id!r} (open: {known})")
+        return found
 
     def is_current(self, session_id: str) -> bool:
         """Return whether this is the session that the viewer shows."""

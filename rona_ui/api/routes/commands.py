@@ -10,9 +10,10 @@ from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.procedure import IMPLANT, PROCEDURE, SPARED
 from rona_core.app.runtime.session_step import Redo, Undo
 from rona_core.app.runtime.workbench import Workbench
+from rona_ui.api.bodies import BodyRoute, body_bytes
 from rona_ui.api.context import EXACT, Bench
 
-router = APIRouter(tags=["commands"])
+router = APIRouter(route_class=BodyRoute, tags=["commands"])
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,13 +100,14 @@ def declared_routes(
         handler: Returns what answers the route of a type.
         status_code: Of an answer without a problem.
     """
-    made = APIRouter(tags=[tag])
+    made = APIRouter(tags=[tag], route_class=BodyRoute)
     for name, kind in kinds.items():
         made.add_api_route(
             f"/sessions/{{session_id}}/{tag}/{name}",
             handler(kind),
             methods=["POST"],
             status_code=status_code,
+            max_body_size=body_bytes(kind),
             name=name,
             operation_id=name,
             summary=(kind.__doc__ or name).splitlines()[0],

@@ -12,10 +12,11 @@ from starlette.concurrency import run_in_threadpool
 from rona_core.app.runtime.saving.session_files import plain_name
 from rona_core.errors import InvalidInputError, NotFoundError
 from rona_core.session.files import write_whole
+from rona_ui.api.bodies import BodyRoute
 from rona_ui.api.context import Bench, Sessions
 from rona_ui.api.file_body import RAW_BODY
 
-router = APIRouter(tags=["files"])
+router = APIRouter(route_class=BodyRoute, tags=["files"])
 MAX_PICTURE_BYTES = 200 * 1024
 JPEG_BEGIN = b"\xff\xd8\xff"
 PICTURES = ".pictures"  # folder beside the session files

@@ -5,9 +5,10 @@ from typing import Annotated, Any, Literal
 from fastapi import APIRouter, Query, Response
 
 from rona_core.app.steps.implant.export import export_bed
+from rona_ui.api.bodies import BodyRoute
 from rona_ui.api.context import Bench
 
-router = APIRouter(tags=["results"])
+router = APIRouter(route_class=BodyRoute, tags=["results"])
 
 OCTETS = "application/octet-stream"
 FILE: dict[int | str, dict[str, Any]] = {

@@ -13,12 +13,13 @@ from rona_core.app.runtime.recompute import Replay
 from rona_core.app.runtime.session_step import StartReplay
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.errors import NotFoundError
+from rona_ui.api.bodies import BodyRoute
 from rona_ui.api.context import PREFIX, Bench, Open, Sessions
 from rona_ui.api.problems import JobFinishedError
 from rona_ui.api.routes.commands import body_of, declared_routes
 from rona_ui.api.streams import ALIVE, DESCRIBED, EventStream, Streams, event
 
-router = APIRouter(tags=["jobs"])
+router = APIRouter(route_class=BodyRoute, tags=["jobs"])
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,10 +20,11 @@ from rona_core.app.steps.maps.comparison import (
 from rona_core.app.steps.maps.export import NAMES, export_maps
 from rona_core.app.steps.maps.volume import volume_file
 from rona_core.errors import InvalidInputError
+from rona_ui.api.bodies import BodyRoute
 from rona_ui.api.context import Bench, Sessions
 from rona_ui.api.file_body import RAW_BODY, FileName, spooled
 
-router = APIRouter(tags=["results"])
+router = APIRouter(route_class=BodyRoute, tags=["results"])
 
 OCTETS = "application/octet-stream"
 

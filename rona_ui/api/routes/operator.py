@@ -6,9 +6,12 @@ from typing import Annotated, ClassVar
 from fastapi import APIRouter, Body
 
 from rona_core.devices.settings import STRICT, require
+from rona_ui.api.bodies import BodyRoute
 from rona_ui.api.context import EXACT, Bench
 
-router = APIRouter(prefix="/sessions/{session_id}/operator", tags=["operator"])
+router = APIRouter(
+    route_class=BodyRoute, prefix="/sessions/{session_id}/operator", tags=["operator"]
+)
 
 
 @dataclass(frozen=True, slots=True)

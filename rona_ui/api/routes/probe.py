@@ -9,11 +9,12 @@ from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.devices.samples import AScan
 from rona_core.devices.settings import ProbeSettings
 from rona_core.errors import CancelledError, DeviceError
+from rona_ui.api.bodies import BodyRoute
 from rona_ui.api.context import EXACT, Bench, idle_rig
 from rona_ui.api.json_response import FastJson, described, plain
 from rona_ui.api.routes.commands import Changed, changed
 
-router = APIRouter(prefix="/sessions/{session_id}/probe", tags=["probe"])
+router = APIRouter(route_class=BodyRoute, prefix="/sessions/{session_id}/probe", tags=["probe"])
 TIMEOUT_S = 20.0
 
 

@@ -6,10 +6,11 @@ from typing import Annotated
 from fastapi import APIRouter, Path, Response
 
 from rona_core.app.runtime.saving.recovery import LostSession
+from rona_ui.api.bodies import BodyRoute
 from rona_ui.api.context import PREFIX, Sessions
 from rona_ui.api.session_info import SessionInfo, info
 
-router = APIRouter(tags=["files"])
+router = APIRouter(route_class=BodyRoute, tags=["files"])
 Key = Annotated[str, Path(max_length=100, description="key of an unsaved session, from the list")]
 
 

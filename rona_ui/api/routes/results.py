@@ -1,9 +1,10 @@
 """Queries of a session: steps, results, frames, figures."""
 
 import dataclasses
+from collections.abc import Callable
 from typing import Annotated, Any, Literal
 
-from fastapi import APIRouter, Query
+from fastapi import APIRouter, Query, Response
 from fastapi.responses import HTMLResponse
 
 from rona_core.app.declarations.registry import REGISTRY
@@ -21,10 +22,11 @@ from rona_core.app.steps.scan.landmarks.view import landmark_report
 from rona_core.app.steps.tool.calibration_view import calibration_view
 from rona_core.errors import NotFoundError
 from rona_core.session.document import Session
+from rona_ui.api.bodies import BodyRoute
 from rona_ui.api.context import Bench
-from rona_ui.api.json_response import FastJson, described, plain
+from rona_ui.api.json_response import NPY, FastJson, array_in, described, npy_of, plain
 
-router = APIRouter(tags=["results"])
+router = APIRouter(route_class=BodyRoute, tags=["results"])
 
 MaxPoints = Annotated[
     int | None,
@@ -34,12 +36,40 @@ MaxPoints = Annotated[
         description="thin arrays out evenly to this many rows; all rows if left out",
     ),
 ]
+Pointer = Annotated[
+    str, Query(max_length=500, pattern="^/", description="JSON pointer into the results")
+]
+FILE: dict[int | str, dict[str, Any]] = {
+    200: {"content": {NPY: {}}, "description": "The array as a file of numpy (.npy)"}
+}
 
 
 @router.get("/sessions/{session_id}/steps")
 def list_steps(bench: Bench) -> tuple[StepState, ...]:
     """Return the state of every step: done, ready, blocked or stale, and why."""
     return step_states(bench.session)
+
+
+# part of the results of a step -> how it is made of a session and the name of the step; none: null
+PARTS: dict[str, Callable[[Session, str], Any]] = {
+    "step": lambda session, step: step,
+    "summary": lambda session, step: REGISTRY.lines[step].summary(session),
+    "setup": lambda session, step: session.setup if step == "setup" else None,
+    "probe_advice": lambda session, step: probe_advice(session) if step == "maps" else None,
+    "verification": lambda session, step: landmark_report(session) if step == "scan" else None,
+    "reference_gain": lambda session, step: reference_gain(session) if step == "maps" else None,
+    "boundary_edits": lambda session, step: session.boundary_edits if step == "maps" else None,
+    "accuracy": lambda session, step: map_accuracy(session) if step == "maps" else None,
+    "sono_accuracy": lambda session, step: (
+        map_accuracy(session, hand=True) if step == "maps" else None
+    ),
+    "captures": lambda session, step: {
+        name: _capture(name, session) for name in REGISTRY.parts_of(step)[0]
+    },
+    "results": lambda session, step: {
+        name: _result(name, session) for name in REGISTRY.parts_of(step)[1]
+    },
+}
 
 
 @router.get(
@@ -49,47 +79,52 @@ def get_results(bench: Bench, step: str, max_points: MaxPoints = None) -> FastJs
     """Return what a step measured and computed.
 
     Lengths are mm, angles rad unless a name says otherwise; poses are a quaternion (w, x, y, z)
-    and a translation. `value` is null while there is nothing. How sure the maps are stands in
+    and a translation. An array of more than 2000 values (thinned out first, if you say so) is an
+    object: `shape` and `dtype` of the whole array, and `npy`, where it is, relative to this
+    address. `value` is null while there is nothing. How sure the maps are stands in
     `accuracy` (of the scan by hand: `sono_accuracy`): standard deviations over their grid.
     `reference_gain` proposes places for a caliper and says what they gain; `verification` of the
     scan tells whether tracker, pointer and robot agree on the landmarks.
     """
+    _require_step(step)
+    content = {name: make(bench.session, step) for name, make in PARTS.items()}
+    return FastJson(plain(content, max_points, f"{step}/array?at="))
+
+
+@router.get("/sessions/{session_id}/results/{step}/array", response_class=Response, responses=FILE)
+def get_array(bench: Bench, step: str, at: Pointer) -> Response:
+    """Download one array of the results of a step (NPY), whole, as the device or step made it.
+
+    The RF of the scan is at `/captures/scan/value/scans/rf` of step `scan`.
+    """
+    _require_step(step)
+    first = at.split("/")[1]
+    if first not in PARTS:
+        raise NotFoundError(f"the results have no {first!r}: they have {', '.join(PARTS)}")
+    data = npy_of(array_in({first: PARTS[first](bench.session, step)}, at))
+    return Response(data, media_type=NPY)
+
+
+def _require_step(step: str) -> None:
     if step not in REGISTRY.step_names:
         raise NotFoundError(
             f"there is no step {step!r}: it is one of {', '.join(REGISTRY.step_names)}"
         )
-    session, mapped = bench.session, step == "maps"
-    captures, results = REGISTRY.parts_of(step)
-    by_hand = plain(map_accuracy(session, hand=True), max_points) if mapped else None
-    return FastJson(
-        {
-            "step": step,
-            "summary": REGISTRY.lines[step].summary(session),
-            "setup": plain(session.setup, max_points) if step == "setup" else None,
-            "probe_advice": plain(probe_advice(session)) if mapped else None,
-            "verification": plain(landmark_report(session)) if step == "scan" else None,
-            "reference_gain": plain(reference_gain(session)) if mapped else None,
-            "boundary_edits": plain(session.boundary_edits) if mapped else None,
-            "accuracy": plain(map_accuracy(session), max_points) if mapped else None,
-            "sono_accuracy": by_hand,
-            "captures": {name: _capture(name, session, max_points) for name in captures},
-            "results": {name: _result(name, session, max_points) for name in results},
-        }
-    )
 
 
-def _capture(name: str, session: Session, max_points: int | None) -> dict[str, Any]:
+def _capture(name: str, session: Session) -> dict[str, Any]:
     held = session.captures.get(name)
     missing = held in (None, ())
     stale = None if missing else stale_reason(f"capture {name}", session)
-    return {"value": None if missing else plain(held, max_points), "stale_reason": stale}
+    return {"value": None if missing else held, "stale_reason": stale}
 
 
-def _result(name: str, session: Session, max_points: int | None) -> dict[str, Any]:
+def _result(name: str, session: Session) -> dict[str, Any]:
     derived = session.results.get(name)
     if derived is None:
         return {"value": None, "stale_reason": None}
-    return {**plain(derived, max_points), "stale_reason": stale_reason(name, session)}
+    parts = {field.name: getattr(derived, field.name) for field in dataclasses.fields(derived)}
+    return {**parts, "stale_reason": stale_reason(name, session)}
 
 
 @router.get(

@@ -18,13 +18,14 @@ from rona_core.app.steps.setup.robot_parameters import RobotFigure, robot_figure
 from rona_core.app.steps.tool.messages import StartRobotMove
 from rona_core.devices.settings import RobotSettings
 from rona_core.errors import RonaError
+from rona_ui.api.bodies import BodyRoute
 from rona_ui.api.context import EXACT, Bench, Open
 from rona_ui.api.json_response import FastJson, described, plain
 from rona_ui.api.routes.commands import Changed, changed
 from rona_ui.api.routes.jobs import JobInfo, start
 from rona_ui.api.streams import ALIVE, DESCRIBED, PERIOD_S, EventStream, Streams, event
 
-router = APIRouter(prefix="/sessions/{session_id}/robot", tags=["robot"])
+router = APIRouter(route_class=BodyRoute, prefix="/sessions/{session_id}/robot", tags=["robot"])
 STREAM_HZ = 30.0
 # Stop has threads of its own, so that it never waits behind other requests.
 _STOP = ThreadPoolExecutor(4, thread_name_prefix="rona-stop")

@@ -1,6 +1,6 @@
 """Sessions: make, list, open, save, download, upload, show, close; and files of specimens."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import Annotated, Any, ClassVar, Literal
 from urllib.parse import quote
 
@@ -15,14 +15,15 @@ from rona_core.devices.settings import STRICT, require
 from rona_core.errors import NotFoundError
 from rona_core.session.document import require_seed
 from rona_core.session.files import SUFFIX, session_bytes
+from rona_ui.api.bodies import BodyRoute
 from rona_ui.api.context import EXACT, PREFIX, Bench, SessionId, Sessions
 from rona_ui.api.file_body import RAW_BODY, FileName, spooled
 from rona_ui.api.json_response import plain
 from rona_ui.api.session_info import SessionInfo, found, info, infos
 from rona_ui.resources import demo_session
 
-router = APIRouter(tags=["session"])
-files = APIRouter(tags=["files"])
+router = APIRouter(route_class=BodyRoute, tags=["session"])
+files = APIRouter(route_class=BodyRoute, tags=["files"])
 
 FILE: dict[int | str, dict[str, Any]] = {
     200: {"content": {"application/octet-stream": {}}, "description": "The file"}
@@ -156,9 +157,10 @@ def get_session(hub: Sessions, session_id: SessionId) -> dict[str, Any]:
 
 def _specimen(specimen: Any) -> dict[str, Any]:
     """Return what describes a specimen, without its volume."""
+    held = {field.name: getattr(specimen, field.name) for field in fields(specimen)}
     kept = {
-        key: value
-        for key, value in plain(specimen, 8).items()
+        name: plain(value)
+        for name, value in held.items()
         if value is None or isinstance(value, bool | int | float | str)
     }
     return {"kind": type(specimen).__name__, **kept}

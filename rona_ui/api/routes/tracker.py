@@ -16,12 +16,13 @@ from rona_core.devices.samples import TrackerFrame
 from rona_core.devices.settings import STRICT, TOOLS, TrackerSettings, require
 from rona_core.errors import DeviceError, NotFoundError, RonaError
 from rona_core.geometry.pose import Pose
+from rona_ui.api.bodies import BodyRoute
 from rona_ui.api.context import EXACT, Bench, Open, idle_rig
 from rona_ui.api.json_response import plain
 from rona_ui.api.routes.commands import Changed, changed
 from rona_ui.api.streams import DESCRIBED, EventStream, Streams, event
 
-router = APIRouter(prefix="/sessions/{session_id}/tracker", tags=["tracker"])
+router = APIRouter(route_class=BodyRoute, prefix="/sessions/{session_id}/tracker", tags=["tracker"])
 Tool = Annotated[str, Path(description=f"one of {', '.join(TOOLS)}")]
 STREAM_HZ = 30.0
 _stopped: WeakSet[Workbench] = WeakSet()  # sessions whose live tracking is switched off

@@ -2,7 +2,7 @@
 
 import dataclasses
 from types import NoneType, UnionType
-from typing import Literal, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 import pytest
@@ -29,6 +29,12 @@ FITS = {int: [1], float: [1, 1.5], bool: [True, False], str: ["1"]}
 def values(hint):
     """Return values that fit an annotation, and pairs of a wrong value and where it is wrong."""
     origin, arguments = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        (fits, wrong), length = values(arguments[0]), arguments[1]
+        good = next(value for value in fits if value)
+        long = [good[0]] * (length.most + 1)
+        short = [[]] if length.least else []
+        return [v for v in fits if v not in short], [*wrong, *((v, ()) for v in (long, *short))]
     if origin in (Union, UnionType):
         kept = [option for option in arguments if option is not NoneType]
         assert len(kept) == 1, "a field with several kinds needs a rule"
@@ -54,7 +60,7 @@ def cases():
     """Return (message, field, annotation) for every field of every message."""
     found = []
     for name, kind in MESSAGES.items():
-        hints = get_type_hints(kind)
+        hints = get_type_hints(kind, include_extras=True)
         for field in dataclasses.fields(kind):
             where = f"{name}.{field.name}"
             found.append(pytest.param(kind, field.name, hints[field.name], id=where))

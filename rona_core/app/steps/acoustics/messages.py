@@ -1,5 +1,8 @@
 """Messages about the speed of sound, the delay line, and what other probes would do."""
 
+from typing import Annotated
+
+from rona_core.app.messages.lengths import Length
 from rona_core.app.messages.message import Point, message, within
 from rona_core.devices.settings import PROBE_LIMITS, Excitation, ProbeName, require
 from rona_core.session.specimen import BoneKind
@@ -7,6 +10,7 @@ from rona_core.session.specimen import BoneKind
 MAX_POINTS = 50
 CALIPER_MM = (0.01, 2.0)  # standard deviation
 MAX_CELLS = 400
+MAX_TEMPERATURES = 8
 
 
 @message
@@ -78,10 +82,13 @@ class StartDelayLineCapture:
     """
 
     n: int = within(3, 200, default=20)
-    temperatures_c: tuple[float, ...] = within(*PROBE_LIMITS["line_temperature_c"], default=())
+    temperatures_c: Annotated[tuple[float, ...], Length(0, MAX_TEMPERATURES)] = within(
+        *PROBE_LIMITS["line_temperature_c"], default=()
+    )
 
     def __post_init__(self) -> None:
-        require(len(self.temperatures_c) <= 8, "at most 8 temperatures, please")
+        count = len(self.temperatures_c)
+        require(count <= MAX_TEMPERATURES, f"at most {MAX_TEMPERATURES} temperatures, please")
 
 
 @message
@@ -91,10 +98,14 @@ class StartProbeSweep:
     Nothing of the specimen goes into it. Every combination is a cell of ``n`` A-scans.
     """
 
-    probes: tuple[ProbeName, ...] = ("2.25MHz", "1MHz")
-    excitations: tuple[Excitation, ...] = ("pulse", "chirp")
-    snr_db: tuple[float, ...] = within(0.0, 90.0, default=(30.0, 50.0))
-    thickness_mm: tuple[float, ...] = within(1.0, 16.0, default=(3.0, 5.0, 8.0, 11.0))
+    probes: Annotated[tuple[ProbeName, ...], Length(1, MAX_CELLS)] = ("2.25MHz", "1MHz")
+    excitations: Annotated[tuple[Excitation, ...], Length(1, MAX_CELLS)] = ("pulse", "chirp")
+    snr_db: Annotated[tuple[float, ...], Length(1, MAX_CELLS)] = within(
+        0.0, 90.0, default=(30.0, 50.0)
+    )
+    thickness_mm: Annotated[tuple[float, ...], Length(1, MAX_CELLS)] = within(
+        1.0, 16.0, default=(3.0, 5.0, 8.0, 11.0)
+    )
     bone: BoneKind = "normal"
     n: int = within(5, 400, default=40)
 

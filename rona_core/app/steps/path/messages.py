@@ -4,10 +4,11 @@ Lengths are in millimetres, angles in degrees. A place that somebody points at o
 look: how deep it lies is taken from the measured surface.
 """
 
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 
+from rona_core.app.messages.lengths import Length
 from rona_core.app.messages.message import Point, message, within
 from rona_core.app.steps.surface.messages import MAX_PICKS
 from rona_core.devices.settings import require
@@ -36,7 +37,7 @@ class GenerateScanPattern:
     margin_mm: float = within(0.0, 40.0, default=0.0)  # from the boundary
     radius_mm: float | None = within(*REGION_RADII_MM, default=None)
     center_base_mm: Point | None = None
-    boundary_base_mm: tuple[Point, ...] = ()
+    boundary_base_mm: Annotated[tuple[Point, ...], Length(0, MAX_CORNERS)] = ()
 
     def __post_init__(self) -> None:
         _require_place("center_base_mm", self.center_base_mm)
@@ -111,7 +112,7 @@ class PaintRegion:
     """
 
     kind: Literal["scan", "avoid"]
-    stroke_base_mm: tuple[Point, ...]
+    stroke_base_mm: Annotated[tuple[Point, ...], Length(1, MAX_CORNERS)]
     radius_mm: float = within(1.0, 20.0, default=5.0)
 
     def __post_init__(self) -> None:
@@ -146,7 +147,7 @@ class StartPathCapture:
 
     duration_s: float = within(1.0, 600.0, default=40.0)
     spacing_mm: float = within(1.0, 20.0, default=4.0)
-    picks_base_mm: tuple[Point, ...] = ()
+    picks_base_mm: Annotated[tuple[Point, ...], Length(0, MAX_PICKS)] = ()
 
     def __post_init__(self) -> None:
         count = len(self.picks_base_mm)

@@ -3,7 +3,7 @@
 from typing import Literal
 
 from rona_core.app.messages.message import message, within
-from rona_core.app.steps.tool.messages import require_rows
+from rona_core.app.steps.tool.messages import Rows, require_rows
 
 
 @message
@@ -11,7 +11,7 @@ class CalibratePointer:
     """Compute the pointer tip from the recorded pivoting."""
 
     method: Literal["ml", "sphere"] = "ml"
-    exclude: tuple[int, ...] = ()  # poses left out by hand, rows of the result's residuals
+    exclude: Rows = ()  # poses left out by hand, rows of the result's residuals
 
     def __post_init__(self) -> None:
         require_rows(self.exclude)
@@ -39,7 +39,7 @@ class ExcludePoses:
     """
 
     step: Literal["tool", "pointer"]
-    indices: tuple[int, ...] = ()
+    indices: Rows = ()
 
     def __post_init__(self) -> None:
         require_rows(self.indices)

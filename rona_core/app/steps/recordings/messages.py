@@ -1,7 +1,8 @@
 """Messages that take recordings made elsewhere."""
 
-from typing import Literal
+from typing import Annotated, Literal
 
+from rona_core.app.messages.lengths import Length
 from rona_core.app.messages.message import message
 from rona_core.app.runtime.saving.session_files import plain_name
 from rona_core.devices.settings import require
@@ -37,7 +38,7 @@ class StartPivotImport:
     A zip stands for the files in it.
     """
 
-    files: tuple[str, ...]
+    files: Annotated[tuple[str, ...], Length(1, MAX_FILES)]
     geometry: str | None = None
     tool: str | None = None
 

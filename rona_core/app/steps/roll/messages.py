@@ -1,12 +1,14 @@
 """Messages of the motion planning."""
 
-from typing import Literal
+from typing import Annotated, Literal
 
+from rona_core.app.messages.lengths import Length
 from rona_core.app.messages.message import message, within
 from rona_core.devices.settings import require
 from rona_core.robot.base_placement.candidates import BaseSearch
 
 MAX_PLACES = 2000  # of the base, that are looked at
+MAX_LEVELS = 100
 
 
 @message
@@ -49,7 +51,9 @@ class StartBasePlacement:
     half_x_mm: float = 500.0
     half_y_mm: float = 600.0
     step_mm: float = 100.0
-    levels_mm: tuple[float, ...] = within(-1000.0, 1000.0, default=(0.0,))
+    levels_mm: Annotated[tuple[float, ...], Length(1, MAX_LEVELS)] = within(
+        -1000.0, 1000.0, default=(0.0,)
+    )
 
     def __post_init__(self) -> None:
         self.search()  # refuses what cannot be searched

@@ -1,7 +1,9 @@
 """Messages of the surface."""
 
 from itertools import pairwise
+from typing import Annotated
 
+from rona_core.app.messages.lengths import Length
 from rona_core.app.messages.message import Point, message, within
 from rona_core.devices.settings import require
 
@@ -31,9 +33,9 @@ class StartSurfaceCapture:
     """
 
     duration_s: float = within(1.0, 600.0, default=60.0)
-    picks_base_mm: tuple[Point, ...] = ()
+    picks_base_mm: Annotated[tuple[Point, ...], Length(0, MAX_PICKS)] = ()
     append: bool = False
-    lifts: tuple[int, ...] = ()
+    lifts: Annotated[tuple[int, ...], Length(0, MAX_PICKS)] = ()
 
     def __post_init__(self) -> None:
         count = len(self.picks_base_mm)

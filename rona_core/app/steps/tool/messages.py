@@ -1,11 +1,13 @@
 """Messages of the tool registration."""
 
-from typing import Literal
+from typing import Annotated, Literal
 
+from rona_core.app.messages.lengths import Length
 from rona_core.app.messages.message import message, within
 from rona_core.devices.settings import require
 
 MAX_EXCLUDED = 20_000
+Rows = Annotated[tuple[int, ...], Length(0, MAX_EXCLUDED)]
 
 
 def require_rows(rows: tuple[int, ...]) -> None:
@@ -20,7 +22,7 @@ class RegisterTool:
     """Compute tool tip and tracker pose from the recorded tool motion."""
 
     method: Literal["joint", "paper"] = "joint"
-    exclude: tuple[int, ...] = ()  # poses left out by hand, rows of the result's residuals
+    exclude: Rows = ()  # poses left out by hand, rows of the result's residuals
 
     def __post_init__(self) -> None:
         require_rows(self.exclude)

@@ -1,0 +1,180 @@
+"""JSON bodies: bounded by route, parsed and validated in a thread, keys that stand twice refused.
+
+The event loop answers Stop, so nothing that grows with a body is done in it.
+"""
+
+import asyncio
+import json
+import types
+from collections.abc import Callable, Coroutine, Iterator
+from dataclasses import fields, is_dataclass
+from typing import Annotated, Any, Literal, Union, cast, get_args, get_origin, get_type_hints
+
+from fastapi._compat import ModelField
+from fastapi.exceptions import RequestValidationError
+from fastapi.routing import APIRoute
+from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
+from starlette.middleware.body_limit import MAX_BODY_SIZE_SCOPE_KEY
+from starlette.requests import Request
+from starlette.responses import Response
+
+from rona_core.app.messages.lengths import Length
+
+BODY_BYTES = 64 * 1024  # of a request whose route states nothing else
+NUMBER_BYTES = 26  # of a number with all its digits, sign, exponent, comma and blank
+AT_ONCE = 4  # reads and validations that compute: each has the interpreter for 5 ms before Stop has
+COUNT_BYTES = 12  # of a whole number
+TEXT_BYTES = 256  # of a text, with its quotes; longer ones stand alone in a body of 64 KB
+
+
+def body_bytes(kind: type) -> int:
+    """Return how many bytes a body may have: 64 KB, or what its longest lists may need.
+
+    Raises:
+        TypeError: a list of the message has no ``Length``.
+    """
+    return max(BODY_BYTES, _most_bytes(kind))
+
+
+def _most_bytes(hint: Any) -> int:
+    origin, arguments = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        lengths = [part for part in arguments[1:] if isinstance(part, Length)]
+        if lengths:
+            return 4 + lengths[0].most * (2 + _most_bytes(get_args(arguments[0])[0]))
+        return _most_bytes(arguments[0])
+    if origin in (Union, types.UnionType):
+        return max(map(_most_bytes, arguments))
+    if origin is tuple:
+        if Ellipsis in arguments:
+            raise TypeError(f"{hint}: state how long it may be, Annotated[…, Length(least, most)]")
+        return 4 + sum(map(_most_bytes, arguments))
+    if is_dataclass(hint):
+        hints = get_type_hints(hint, include_extras=True)
+        names = [field.name for field in fields(hint)]
+        return 4 + sum(len(name) + 6 + _most_bytes(hints[name]) for name in names)
+    if hint is str or origin is Literal:
+        return TEXT_BYTES
+    return COUNT_BYTES if hint is int else NUMBER_BYTES
+
+
+class BodyRoute(APIRoute):
+    """A route that refuses what is too large before it does anything, and validates in a thread."""
+
+    def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
+        """Return what answers a request."""
+        handle = super().get_route_handler()
+        field = self.body_field
+
+        async def checked(request: Request) -> Response:
+            _require_length(request)
+            turns: asyncio.Semaphore = request.app.state.turns
+            if request.method == "GET":
+                async with turns:
+                    return await handle(request)
+            if field is None or not _is_json(request):
+                return await handle(request)
+            raw = await request.body()
+            async with turns:
+                value = await run_in_threadpool(_validated, raw, field) if raw else None
+            return await handle(_Validated(request, raw, value))
+
+        return checked
+
+
+class _Validated(Request):
+    """A request whose body has been read, and made a value of its type."""
+
+    def __init__(self, request: Request, raw: bytes, value: Any) -> None:
+        super().__init__(request.scope, request.receive)
+        self._raw = raw
+        self._value = value
+
+    async def body(self) -> bytes:
+        """Return the bytes."""
+        return self._raw
+
+    async def json(self) -> Any:
+        """Return the value in the place of the JSON; FastAPI takes it as it is."""
+        return self._value
+
+
+def _require_length(request: Request) -> None:
+    """Refuse a body by its stated length: a route that never reads it would act, then refuse."""
+    limit = request.scope.get(MAX_BODY_SIZE_SCOPE_KEY, BODY_BYTES)
+    stated = request.headers.get("content-length", "0")
+    if stated.isdecimal() and int(stated) > limit:
+        raise HTTPException(413, f"expected a body of at most {limit} bytes, not {stated}")
+
+
+def _is_json(request: Request) -> bool:
+    kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    return kind == "application/json" or (
+        kind.startswith("application/") and kind.endswith("+json")
+    )
+
+
+def _validated(raw: bytes, field: ModelField) -> Any:
+    """Return the value of a body.
+
+    Raises:
+        HTTPException: it cannot be read as text, or is nested too deeply.
+        RequestValidationError: it is no JSON, a key stands twice, or a value does not fit.
+    """
+    value = parsed(raw)
+    if value is None:  # as if it were left out
+        return None
+    found, errors = field.validate(value, {}, loc=("body",))
+    if errors:
+        raise RequestValidationError(errors)
+    return found
+
+
+class _Doubled(dict[str, Any]):
+    """An object with a key that stands twice."""
+
+    key = ""
+
+
+def parsed(raw: bytes) -> Any:
+    """Return JSON as values; errors as in ``_validated``."""
+    doubled: list[_Doubled] = []
+
+    def whole(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        found = dict(pairs)
+        if len(found) == len(pairs):
+            return found
+        names: set[str] = set()
+        marked = _Doubled(found)
+        marked.key = next(name for name, _ in pairs if name in names or names.add(name))
+        doubled.append(marked)
+        return marked
+
+    try:
+        value = json.loads(raw, object_pairs_hook=whole)
+    except json.JSONDecodeError as error:
+        place = {"loc": ("body", error.pos), "msg": "JSON decode error", "type": "json_invalid"}
+        raise RequestValidationError([place]) from error
+    except (ValueError, RecursionError) as error:
+        raise HTTPException(400, "the body cannot be read as JSON") from error
+    if doubled:
+        wrong = [
+            {"loc": ("body", *path), "msg": "this key stands twice: leave one", "type": "doubled"}
+            for path in _doubled_in(value, ())
+        ]
+        text = f"the key {doubled[0].key[:80]!r} stands twice in an object: leave one"
+        raise RequestValidationError(wrong or [{"loc": ("body",), "msg": text, "type": "doubled"}])
+    return value
+
+
+def _doubled_in(value: Any, path: tuple[str | int, ...]) -> Iterator[tuple[str | int, ...]]:
+    """Yield the paths of keys that stand twice; of those that were written over, none."""
+    if isinstance(value, dict):
+        if isinstance(value, _Doubled):
+            yield (*path, value.key)
+        for name, item in cast("dict[str, Any]", value).items():
+            yield from _doubled_in(item, (*path, name))
+    elif isinstance(value, list):
+        for number, item in enumerate(cast("list[Any]", value)):
+            yield from _doubled_in(item, (*path, number))
