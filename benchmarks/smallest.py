@@ -177,6 +177,10 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
         "suites.reliability.kills.BUSY": (True,),
         "suites.reliability.kills.KILLED": ("worker and resource tracker",),
     },
+    "connections": {
+        "suites.reliability.connections.CONNECTIONS": 6,
+        "suites.reliability.connections.KINDS": {"nothing": ("", b"", 10.0)},
+    },
     "procedure": {
         "suites.procedure.procedure.SEEDS": (0,),
         "suites.procedure.procedure.run_demo": short_procedure,

@@ -43,6 +43,7 @@ from rona_ui.api.routes import (
 )
 from rona_ui.api.routes import operator as hand
 from rona_ui.api.streams import Streams
+from rona_ui.api.timed_protocol import TimedProtocol
 from rona_ui.resources import sessions_dir, static_dir
 from rona_ui.viewer.gateway import MAX_MESSAGE_BYTES, ViewerGateway
 
@@ -207,6 +208,7 @@ class Server(uvicorn.Server):
                 log_level="warning",
                 access_log=False,
                 server_header=False,
+                http=TimedProtocol,
                 ws="websockets-sansio",
                 ws_max_size=MAX_MESSAGE_BYTES,
                 ws_per_message_deflate=False,

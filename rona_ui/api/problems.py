@@ -10,7 +10,7 @@ from typing import Any
 from fastapi import FastAPI
 from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 
 from rona_core.errors import InvalidInputError, NotFoundError, RonaError, SessionFormatError
@@ -27,6 +27,7 @@ TITLES = {
     403: ("forbidden", "Forbidden"),
     404: ("not_found", "Not found"),
     405: ("method_not_allowed", "Method not allowed"),
+    408: ("timeout", "The request did not come in time"),
     409: ("conflict", "Conflict"),
     413: ("too_large", "Body too large"),
     415: ("unsupported_media_type", "Unsupported media type: send JSON"),
@@ -92,6 +93,10 @@ def install(app: FastAPI) -> None:
         if error.status_code == 405 and (methods := _methods(request)):
             headers["Allow"] = ", ".join(methods)
         return problem(error.status_code, str(error.detail), headers=headers)
+
+    @app.exception_handler(ClientDisconnect)
+    async def _gone(request: Request, error: ClientDisconnect) -> Response:
+        return problem(400, "the request ended before its body was complete: send it again")
 
     @app.exception_handler(OSError)
     async def _storage(request: Request, error: OSError) -> Response:
