@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from rona_core import __version__
-from rona_core.errors import NotFoundError, SessionFormatError
+from rona_core.errors import NotFoundError, SessionFormatError, storing
 from rona_core.session.array_packing import pack
 from rona_core.session.captures import Capture
 from rona_core.session.codec import Arrays, decode, encode
@@ -118,7 +118,16 @@ def save_session(
 
 
 def write_whole(path: Path, data: bytes, *, backup: bool = False) -> Path:
-    """Write ``data`` to ``path`` atomically; with ``backup`` what was there becomes ``.bak``."""
+    """Write ``data`` to ``path`` atomically; with ``backup`` what was there becomes ``.bak``.
+
+    Raises:
+        StorageError: the file system refused; the file is whole, old or new.
+    """
+    with storing(path):
+        return _write_whole(path, data, backup=backup)
+
+
+def _write_whole(path: Path, data: bytes, *, backup: bool) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = open_temporary(path)
     try:
@@ -135,7 +144,16 @@ def write_whole(path: Path, data: bytes, *, backup: bool = False) -> Path:
 
 
 def move_whole(temporary: Path, path: Path) -> Path:
-    """Give a temporary file of the same folder, complete on the disk, the name ``path``."""
+    """Give a temporary file of the same folder, complete on the disk, the name ``path``.
+
+    Raises:
+        StorageError: the file system refused.
+    """
+    with storing(path):
+        return _move_whole(temporary, path)
+
+
+def _move_whole(temporary: Path, path: Path) -> Path:
     os.chmod(temporary, 0o644)  # as other files are; temporary ones are private
     os.replace(temporary, path)
     directory = os.open(path.parent, os.O_RDONLY)

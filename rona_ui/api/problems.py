@@ -13,13 +13,21 @@ from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 
-from rona_core.errors import InvalidInputError, NotFoundError, RonaError, SessionFormatError
+from rona_core.errors import (
+    InvalidInputError,
+    NotFoundError,
+    RonaError,
+    SessionFormatError,
+    StorageError,
+    storage_error,
+)
 
 MEDIA_TYPE = "application/problem+json"
 STATUS: dict[type[RonaError], int] = {  # all others: 409
     InvalidInputError: 422,
     SessionFormatError: 422,
     NotFoundError: 404,
+    StorageError: 507,
 }
 TITLES = {
     400: ("bad_request", "Bad request"),
@@ -100,7 +108,7 @@ def install(app: FastAPI) -> None:
 
     @app.exception_handler(OSError)
     async def _storage(request: Request, error: OSError) -> Response:
-        return problem(507, f"the file system refused: {error.strerror or error}")
+        return problem_of(storage_error(error))
 
     @app.exception_handler(Exception)
     async def _defect(request: Request, error: Exception) -> Response:
