@@ -14,12 +14,14 @@ import re
 import shutil
 import tempfile
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rona_core import __version__
+from rona_core.devices.settings import hidden_characters
 from rona_core.errors import NotFoundError, SessionFormatError, storing
 from rona_core.session.array_packing import pack
 from rona_core.session.captures import Capture
@@ -195,7 +197,10 @@ def load_session(path: Path | str, name: str | None = None) -> Session:
 
 
 def session_from_bytes(data: bytes, name: str = "upload") -> Session:
-    """Read a session from the bytes of its file; errors as in ``load_session``."""
+    """Read a session from the bytes of its file; errors as in ``load_session``.
+
+    Hidden characters in its name become ``�``, which can be seen.
+    """
     try:
         members = read_members(data, name)
         manifest, arrays = migrate(_with_log(members)), members.arrays
@@ -211,7 +216,11 @@ def session_from_bytes(data: bytes, name: str = "upload") -> Session:
         require_room(0, used_bytes(document, arrays), {}, name)
         for part in ("captures", "archive"):
             _name_once(document.get(part), copies)
-        return decode(_with_archive(document, arrays), Session, arrays)
+        session = decode(_with_archive(document, arrays), Session, arrays)
+        hidden = hidden_characters(session.name)
+        if not hidden:
+            return session
+        return replace(session, name="".join("�" if c in hidden else c for c in session.name))
     except MemoryError as error:
         raise SessionFormatError(f"{name} needs more memory than there is: refused") from error
 

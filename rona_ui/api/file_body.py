@@ -8,12 +8,29 @@ from typing import Annotated, BinaryIO
 
 from fastapi import Query, Request
 from fastapi.exceptions import RequestValidationError
+from pydantic import AfterValidator
 from starlette.concurrency import run_in_threadpool
 
+from rona_core.devices.settings import hidden_characters, require
 from rona_core.errors import storing
 from rona_core.session.files import open_temporary
 
-FileName = Annotated[str, Query(min_length=1, max_length=120, description="plain file name")]
+
+def _seen(name: str) -> str:
+    """Return a name in which every character can be seen.
+
+    Raises:
+        InvalidInputError: there are hidden characters in it.
+    """
+    require(not hidden_characters(name), f"hidden characters in the name {name[:60]!a}")
+    return name
+
+
+FileName = Annotated[
+    str,
+    Query(min_length=1, max_length=120, description="plain file name"),
+    AfterValidator(_seen),
+]
 RAW_BODY = {
     "requestBody": {
         "required": True,
