@@ -23,10 +23,8 @@ MESSAGES = REGISTRY.command_types | REGISTRY.activity_types
 # NUL, ends of lines, escape, DEL, C1, half a character, every control of bidirectional text, zero
 # width, a tag: a name with one of them looks like another, or as if it were turned round
 HIDDEN_SAMPLES = "\0\n\r\t\x1b\x7f\x85\ud800\u2028\u2029\u061c\u200e\u200f"
-HIDDEN_SAMPLES += (
-    "\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"
+HIDDEN_SAMPLES += "\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"
 HIDDEN_SAMPLES += "\u200b\ufeff\u00ad\U000e0041"
-)
 # for each plain type, what JSON can send that is of another one, and what fits
 WRONG = {
     int: ["1", True, 1.0, 1.5, [1], {}],
