@@ -156,6 +156,7 @@ RESPONSES: dict[int | str, dict[str, Any]] = {
         403: "It comes from a page of another origin",
         404: "No such session, job, file or tool",
         405: "The address knows other methods; `Allow` names them",
+        408: "Headers or body did not come in time",
         409: "Not possible in the present state; `code` says why",
         413: "The body is larger than this route takes",
         421: "The server does not go by the name in `Host`",
