@@ -43,11 +43,7 @@ COMPILED := PYTHONDONTWRITEBYTECODE=
 IN_FILES := --dist loadfile --no-loadscope-reorder
 EXAMPLES ?= 1
 # suites of `make reliability`
-<<<<<<< HEAD
-RELIABILITY := kills saving
-=======
-RELIABILITY := kills stop
->>>>>>> wt-stop
+RELIABILITY := kills saving stop connections
 # seconds: stops a run that hangs
 TEST_LIMIT ?= 3600
 

@@ -42,6 +42,7 @@ SUITES: Mapping[str, str] = {
     "kills": "reliability",
     "saving": "reliability",
     "stop": "reliability",
+    "connections": "reliability",
     "procedure": "procedure",
     "mounting": "procedure",
     "head_motion": "procedure",

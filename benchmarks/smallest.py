@@ -189,6 +189,10 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
         "suites.reliability.stop.STOPS": 5,
         "suites.reliability.stop.CLIENTS": 1,
     },
+    "connections": {
+        "suites.reliability.connections.CONNECTIONS": 6,
+        "suites.reliability.connections.KINDS": {"nothing": ("", b"", 10.0)},
+    },
     "procedure": {
         "suites.procedure.procedure.SEEDS": (0,),
         "suites.procedure.procedure.run_demo": short_procedure,

@@ -8,6 +8,8 @@ import os
 import sys
 from pathlib import Path
 
+from rona_core.errors import storing
+
 PACKAGE = Path(__file__).resolve().parent
 
 
@@ -42,7 +44,8 @@ def sessions_dir() -> Path:
         folder = top / "sessions"
     else:
         folder = _user_data_dir() / "rona" / "sessions"
-    folder.mkdir(parents=True, exist_ok=True)
+    with storing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
     return folder
 
 

@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import os
+import re
 import secrets
 import shutil
 import socket
@@ -47,12 +48,14 @@ from rona_ui.api.routes import (
 )
 from rona_ui.api.routes import operator as hand
 from rona_ui.api.streams import Streams
+from rona_ui.api.timed_protocol import TimedProtocol
 from rona_ui.resources import sessions_dir, static_dir
 from rona_ui.viewer.gateway import MAX_MESSAGE_BYTES, ViewerGateway
 
 GRACE_S = 1  # for requests under way when the server ends
 PORT = 8642
 SESSION_PAGE = "/session"
+ROOT_PATH = re.compile(r"(?!/(api|session|static|viewer)(/|$))(/[A-Za-z0-9_~-][A-Za-z0-9._~-]*)+")
 TAGS = {
     "session": "Open sessions and their changes. `current` stands for the one the viewer shows.",
     "files": "Session files and files of specimens.",
@@ -102,6 +105,7 @@ class ServerSettings:
     token: str | None = field(default_factory=lambda: token_from_environment())
     open_browser: bool = True
     file: Path | None = None  # session file to open first; None begins with the list of them
+    root_path: str = ""  # sub path of a reverse proxy: empty, or /name without a slash at its end
 
     def __post_init__(self) -> None:
         if self.token is None and not is_loopback(self.host):
@@ -111,13 +115,19 @@ class ServerSettings:
             )
         if not 0 <= self.port <= 65535:
             raise InvalidInputError(f"port must be 0 to 65535, not {self.port}")
+        if self.root_path and not ROOT_PATH.fullmatch(self.root_path):
+            raise InvalidInputError(
+                f"--root-path must be the sub path of the proxy, such as /rona, and not begin with "
+                f"/api, /session, /static or /viewer; got {self.root_path[:60]!r}"
+            )
 
     @property
     def access(self) -> Access:
         """Names the server answers to, and the token it wants."""
         wildcard = self.host in ("0.0.0.0", "::", "")
         bound = () if wildcard else (self.host,)
-        return Access(self.token, (*LOOPBACK, *bound, *self.allow_hosts))
+        hosts = (*LOOPBACK, *bound, *self.allow_hosts)
+        return Access(self.token, hosts, self.root_path)
 
 
 def token_from_environment() -> str:
@@ -125,8 +135,11 @@ def token_from_environment() -> str:
     return os.environ.get("RONA_TOKEN") or secrets.token_urlsafe(24)
 
 
-def bare_app(hub: SessionRegistry, gateway: ViewerGateway | None) -> FastAPI:
-    """Return the application of one hub, page, viewer and REST, without its guard."""
+def bare_app(hub: SessionRegistry, gateway: ViewerGateway | None, root_path: str = "") -> FastAPI:
+    """Return the application of one hub, page, viewer and REST, without its guard.
+
+    Its description says that its addresses are below ``root_path``; the guard has them there.
+    """
     app = FastAPI(
         title="RONA",
         version=__version__,
@@ -135,6 +148,7 @@ def bare_app(hub: SessionRegistry, gateway: ViewerGateway | None) -> FastAPI:
         openapi_url=None,  # `_add_pages` has a route of its own, which answers from a thread
         docs_url=None,
         redoc_url=None,
+        servers=[{"url": root_path}] if root_path else None,
         openapi_tags=[{"name": name, "description": text} for name, text in TAGS.items()],
         max_body_size=BODY_BYTES,
     )
@@ -222,6 +236,7 @@ class Server(uvicorn.Server):
                 log_level="warning",
                 access_log=False,
                 server_header=False,
+                http=TimedProtocol,
                 ws="websockets-sansio",
                 ws_max_size=MAX_MESSAGE_BYTES,
                 ws_per_message_deflate=False,
@@ -240,7 +255,7 @@ def server_of(
     hub: SessionRegistry, gateway: ViewerGateway | None, settings: ServerSettings
 ) -> Server:
     """Return a server that is ready to run."""
-    app = bare_app(hub, gateway)
+    app = bare_app(hub, gateway, settings.root_path)
     return Server(Guard(app, settings.access), app.state.streams, settings)
 
 
@@ -250,7 +265,7 @@ def address(settings: ServerSettings, port: int) -> str:
     host = f"[{host}]" if ":" in host else host
     query = "" if settings.token is None else f"?token={settings.token}"
     path = "/" if settings.file is None else SESSION_PAGE
-    return f"http://{host}:{port}{path}{query}"
+    return f"http://{host}:{port}{settings.root_path}{path}{query}"
 
 
 def has_display() -> bool:

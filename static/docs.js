@@ -105,12 +105,12 @@ function filter() {
 }
 
 async function load() {
-  const answer = await fetch("/api/v1/openapi.json");
+  const answer = await fetch("openapi.json");
   if (!answer.ok) throw new Error(`the server answered ${answer.status}`);
   const document_ = await answer.json();
   document.getElementById("version").textContent = document_.info.version;
   document.getElementById("about").textContent =
-    `${document_.info.description || ""} Addresses begin with ${location.origin}/api/v1; send "Authorization: Bearer TOKEN".`;
+    `${document_.info.description || ""} Addresses begin with ${new URL(".", location.href).href.slice(0, -1)}; send "Authorization: Bearer TOKEN".`;
   const groups = new Map((document_.tags || []).map((tag) => [tag.name, { about: tag.description, items: [] }]));
   for (const [path, verbs] of Object.entries(document_.paths)) {
     for (const [verb, operation] of Object.entries(verbs)) {

@@ -1,10 +1,12 @@
 """Device settings: frozen values that a session holds and a device is given."""
 
+import unicodedata
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal, get_args
 
 from rona_core.errors import InvalidInputError
 
+HIDDEN = ("Cc", "Cf", "Cs", "Zl", "Zp")  # Unicode categories of what cannot be seen in a name
 STRICT = {"extra": "forbid", "allow_inf_nan": False}  # how a web layer parses these classes
 
 TrackerProfile = Literal["ideal", "polaris", "white035", "spectra", "vega"]
@@ -35,6 +37,15 @@ def require(condition: bool, message: str) -> None:
     """Raise InvalidInputError with ``message`` unless ``condition`` holds."""
     if not condition:
         raise InvalidInputError(message)
+
+
+def hidden_characters(text: str) -> set[str]:
+    """Return the characters of a name that cannot be seen, or that turn the order of others round.
+
+    Control characters, ends of lines, halves of characters and the formats of Unicode, among them
+    those of bidirectional text; but the two joiners, which Persian and Hindi are written with.
+    """
+    return {c for c in text if unicodedata.category(c) in HIDDEN and c not in "\u200c\u200d"}
 
 
 def require_within(name: str, value: float, low: float, high: float) -> None:

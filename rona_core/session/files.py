@@ -16,14 +16,15 @@ import tempfile
 import time
 import zipfile
 from collections.abc import Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rona_core import __version__
-from rona_core.errors import NotFoundError, RonaError, SessionFormatError
+from rona_core.devices.settings import hidden_characters
+from rona_core.errors import NotFoundError, RonaError, SessionFormatError, storing
 from rona_core.session.array_packing import pack
 from rona_core.session.captures import Capture
 from rona_core.session.codec import Arrays, decode, encode
@@ -124,7 +125,16 @@ def save_session(
 
 
 def write_whole(path: Path, data: bytes, *, backup: bool = False) -> Path:
-    """Write ``data`` to ``path`` atomically; with ``backup`` what was there becomes ``.bak``."""
+    """Write ``data`` to ``path`` atomically; with ``backup`` what was there becomes ``.bak``.
+
+    Raises:
+        StorageError: the file system refused; the file is whole, old or new.
+    """
+    with storing(path):
+        return _write_whole(path, data, backup=backup)
+
+
+def _write_whole(path: Path, data: bytes, *, backup: bool) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = open_temporary(path)
     try:
@@ -141,7 +151,16 @@ def write_whole(path: Path, data: bytes, *, backup: bool = False) -> Path:
 
 
 def move_whole(temporary: Path, path: Path) -> Path:
-    """Give a temporary file of the same folder, complete on the disk, the name ``path``."""
+    """Give a temporary file of the same folder, complete on the disk, the name ``path``.
+
+    Raises:
+        StorageError: the file system refused.
+    """
+    with storing(path):
+        return _move_whole(temporary, path)
+
+
+def _move_whole(temporary: Path, path: Path) -> Path:
     os.chmod(temporary, 0o644)  # as other files are; temporary ones are private
     os.replace(temporary, path)
     sync_folder(path.parent)
@@ -244,7 +263,10 @@ def load_identified(path: Path, name: str | None = None) -> tuple[Session, FileI
 
 
 def session_from_bytes(data: bytes, name: str = "upload") -> Session:
-    """Read a session from the bytes of its file; errors as in ``load_session``."""
+    """Read a session from the bytes of its file; errors as in ``load_session``.
+
+    Hidden characters in its name become ``�``, which can be seen.
+    """
     try:
         members = read_members(data, name)
         manifest, arrays = migrate(_with_log(members)), members.arrays
@@ -260,7 +282,11 @@ def session_from_bytes(data: bytes, name: str = "upload") -> Session:
         require_room(0, used_bytes(document, arrays), {}, name)
         for part in ("captures", "archive"):
             _name_once(document.get(part), copies)
-        return decode(_with_archive(document, arrays), Session, arrays)
+        session = decode(_with_archive(document, arrays), Session, arrays)
+        hidden = hidden_characters(session.name)
+        if not hidden:
+            return session
+        return replace(session, name="".join("�" if c in hidden else c for c in session.name))
     except MemoryError as error:
         raise SessionFormatError(f"{name} needs more memory than there is: refused") from error
 

@@ -1,12 +1,14 @@
 """Access guard: checks Host, Origin and token of every request.
 
-It wraps the whole application, so that pages, REST and the viewer's websocket obey one rule.
+It wraps the whole application, so that pages, REST and the viewer's websocket obey one rule. It
+alone handles the sub path of a reverse proxy: the application inside has its addresses at the root.
 """
 
 import hmac
 import ipaddress
+import secrets
 from dataclasses import dataclass
-from urllib.parse import parse_qsl, quote, unquote, urlencode
+from urllib.parse import parse_qsl, urlencode, urlsplit
 
 from starlette.datastructures import Headers, QueryParams
 from starlette.responses import RedirectResponse, Response
@@ -14,14 +16,17 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from rona_ui.api.problems import MEDIA_TYPE, problem
 
-COOKIE = "rona_token"
 LOOPBACK = ("localhost", "127.0.0.1", "::1")
-FOREIGN = "requests from pages of other origins are refused"
+KEEP_HOST = "a reverse proxy has to pass the Host header on as the browser sent it"
+FOREIGN = (
+    "requests from pages of other origins are refused: Origin has to be that of Host; " + KEEP_HOST
+)
 SAFE = ("GET", "HEAD", "OPTIONS")
 HEADERS = (
     (b"x-content-type-options", b"nosniff"),
     (b"referrer-policy", b"no-referrer"),
     (b"x-frame-options", b"SAMEORIGIN"),
+    (b"content-security-policy", b"default-src 'none'; frame-ancestors 'self'"),  # pages say more
     (b"cross-origin-opener-policy", b"same-origin"),
     (b"cross-origin-resource-policy", b"same-origin"),
 )
@@ -29,10 +34,15 @@ HEADERS = (
 
 @dataclass(frozen=True, slots=True)
 class Access:
-    """Names the server answers to, and the token it wants; None lets everybody in."""
+    """Names the server answers to, and the token it wants; None lets everybody in.
+
+    ``root_path`` is the path that a reverse proxy has it under: empty, or ``/name`` without a slash
+    at its end.
+    """
 
     token: str | None
     hosts: tuple[str, ...] = LOOPBACK
+    root_path: str = ""
 
 
 def is_loopback(host: str) -> bool:
@@ -53,6 +63,8 @@ class Guard:
         self._app = app
         self._access = access
         self._hosts = {host.lower().strip("[]") for host in access.hosts}
+        self._root = access.root_path
+        self._session = secrets.token_urlsafe(24)  # what the cookie carries, new at each start
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Check one request or websocket (ASGI)."""
@@ -60,19 +72,31 @@ class Guard:
             await self._app(scope, receive, send)
             return
         refusal = self._refusal(scope)
+        send = _with_headers(send, self._root) if scope["type"] == "http" else send
         if refusal is None:
-            await self._app(scope, receive, _with_headers(send))
+            await self._app(self._inside(scope), receive, send)
         elif scope["type"] == "http":
-            await refusal(scope, receive, _with_headers(send))
+            await refusal(scope, receive, send)
         else:
             await receive()  # the request to connect; closing before accepting answers 403
             await send({"type": "websocket.close", "code": 1008, "reason": "refused"})
+
+    def _inside(self, scope: Scope) -> Scope:
+        """Return a request as the application has it; some proxies take the sub path off."""
+        path, root = scope["path"], self._root
+        if not root or not path.startswith(f"{root}/"):
+            return scope
+        raw = scope.get("raw_path", path.encode())
+        return {**scope, "path": path[len(root) :], "raw_path": raw[len(root) :]}
 
     def _refusal(self, scope: Scope) -> Response | None:
         headers = Headers(scope=scope)
         host = headers.get("host", "")
         if _name(host) not in self._hosts:
-            text = "this server does not go by that name; see --allow-host"
+            text = (
+                f"this server is {', '.join(sorted(self._hosts))}, not {_name(host)[:80]!r}: "
+                f"start it with --allow-host and the name in its address; {KEEP_HOST}"
+            )
             return problem(421, text)
         origin = headers.get("origin")
         websocket = scope["type"] == "websocket"
@@ -82,6 +106,9 @@ class Guard:
         site = headers.get("sec-fetch-site", "none").lower()  # which site's page asks for it
         if site not in ("none", "same-origin") and not websocket and scope["method"] not in SAFE:
             return problem(403, FOREIGN)
+        if self._root and scope["path"] == self._root and not websocket:
+            query = scope["query_string"].decode("latin-1")  # pages are relative to their folder
+            return RedirectResponse(f"/?{query}" if query else "/", status_code=308)
         if self._access.token is None:
             return None
         return self._unless_known(scope, headers)
@@ -96,7 +123,10 @@ class Guard:
         if scheme.lower() == "bearer":
             known = self._is_token(value.strip())
         else:
-            known = any(self._is_token(value) for value in _cookies(headers))
+            known = any(
+                hmac.compare_digest(value.encode(), self._session.encode())
+                for value in _cookies(headers, cookie_name(scope))
+            )
         if known:
             return None
         text = (
@@ -113,17 +143,28 @@ class Guard:
         """Set the cookie and lead to the same address without the token."""
         query = parse_qsl(scope["query_string"].decode("latin-1"), keep_blank_values=True)
         rest = urlencode([(key, value) for key, value in query if key != "token"])
-        path = "/" + scope["path"].lstrip("/")  # never //elsewhere
+        path = "/" + self._inside(scope)["path"].lstrip("/")  # never //elsewhere
         response = RedirectResponse(f"{path}?{rest}" if rest else path, status_code=303)
         response.set_cookie(
-            COOKIE,
-            quote(self._access.token or "", safe=""),
+            cookie_name(scope),
+            self._session,
             httponly=True,
             samesite="strict",
-            path="/",
+            path=f"{self._root}/",
         )
         response.headers["Cache-Control"] = "no-store"
         return response
+
+
+def cookie_name(scope: Scope) -> str:
+    """Return the name of the cookie of a server.
+
+    Browsers send a cookie to every port of its host: the port as the browser has it, or ours where
+    it has none, keeps two servers from taking each other's.
+    """
+    host = Headers(scope=scope).get("host", "")
+    port = host.rpartition("]")[2].partition(":")[2]
+    return f"rona_{port if port.isdecimal() else scope['server'][1]}"
 
 
 def _name(host: str) -> str:
@@ -134,18 +175,30 @@ def _name(host: str) -> str:
     return host.partition(":")[0]
 
 
-def _cookies(headers: Headers) -> list[str]:
+def _cookies(headers: Headers, wanted: str) -> list[str]:
     found: list[str] = []
     for line in headers.getlist("cookie"):
         for part in line.split(";"):
             name, _, value = part.strip().partition("=")
-            if name == COOKIE:
-                found.append(unquote(value))
+            if name == wanted:
+                found.append(value)
     return found
 
 
-def _with_headers(send: Send) -> Send:
+def _below(root: str, location: bytes) -> bytes:
+    """Return an address of the application as a browser has it: a path below ``root``.
+
+    The web framework writes whole addresses, with the scheme on our side of a proxy.
+    """
+    parts = urlsplit(location.decode("latin-1"))
+    path = "/" + parts.path.lstrip("/")  # never //elsewhere
+    return f"{root}{path}{'?' if parts.query else ''}{parts.query}".encode("latin-1")
+
+
+def _with_headers(send: Send, root: str) -> Send:
     """Return ``send`` with headers for the browser, and a problem where a body was too large.
+
+    Every `Location` is one of the application and gets the sub path ``root``.
 
     The body limit of the web framework answers in plain text.
     """
@@ -154,7 +207,11 @@ def _with_headers(send: Send) -> Send:
     async def sending(message: Message) -> None:
         nonlocal replaced, body
         if message["type"] == "http.response.start":
-            there = {name.lower(): value for name, value in message.get("headers", ())}
+            message = {**message, "headers": [*message.get("headers", ())]}
+            for place, (name, value) in enumerate(message["headers"]):
+                if name.lower() == b"location":
+                    message["headers"][place] = name, _below(root, value)
+            there = {name.lower(): value for name, value in message["headers"]}
             if message["status"] == 413 and there.get(b"content-type") != MEDIA_TYPE.encode():
                 replaced = True
                 answer = problem(413, "the body is larger than this route takes")
@@ -162,7 +219,7 @@ def _with_headers(send: Send) -> Send:
                 there = dict(answer.raw_headers)
                 body = bytes(answer.body)
             extra = [(name, value) for name, value in HEADERS if name not in there]
-            await send({**message, "headers": [*message.get("headers", ()), *extra]})
+            await send({**message, "headers": [*message["headers"], *extra]})
             if replaced:
                 await send({"type": "http.response.body", "body": body})
         elif not replaced:

@@ -4,15 +4,33 @@ import os
 from collections.abc import AsyncGenerator
 from contextlib import asynccontextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, BinaryIO
 
 from fastapi import Query, Request
 from fastapi.exceptions import RequestValidationError
+from pydantic import AfterValidator
 from starlette.concurrency import run_in_threadpool
 
+from rona_core.devices.settings import hidden_characters, require
+from rona_core.errors import storing
 from rona_core.session.files import open_temporary
 
-FileName = Annotated[str, Query(min_length=1, max_length=120, description="plain file name")]
+
+def _seen(name: str) -> str:
+    """Return a name in which every character can be seen.
+
+    Raises:
+        InvalidInputError: there are hidden characters in it.
+    """
+    require(not hidden_characters(name), f"hidden characters in the name {name[:60]!a}")
+    return name
+
+
+FileName = Annotated[
+    str,
+    Query(min_length=1, max_length=120, description="plain file name"),
+    AfterValidator(_seen),
+]
 RAW_BODY = {
     "requestBody": {
         "required": True,
@@ -30,23 +48,31 @@ async def spooled(request: Request, folder: Path) -> AsyncGenerator[Path]:
 
     Raises:
         RequestValidationError: there is no body.
+        StorageError: the file system refused.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    handle, path = open_temporary(folder / "upload")
+    with storing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        handle, path = open_temporary(folder / "upload")
     try:
         with os.fdopen(handle, "wb") as file:
-            held: list[bytes] = []
-            async for part in request.stream():
-                held.append(part)
-                if sum(map(len, held)) >= AT_ONCE:
-                    await run_in_threadpool(file.writelines, held)
-                    held = []
-            file.writelines(held)
-            file.flush()
-            await run_in_threadpool(os.fsync, file.fileno())
+            with storing(folder):
+                await _spool(request, file)
             if not file.tell():
                 text = "expected the file as the body"
                 raise RequestValidationError([{"loc": ("body",), "msg": text, "type": "missing"}])
             yield path  # while it is still locked: nobody takes it for one that was left behind
     finally:
         path.unlink(missing_ok=True)
+
+
+async def _spool(request: Request, file: BinaryIO) -> None:
+    """Write a body to the end, and to the disk."""
+    held: list[bytes] = []
+    async for part in request.stream():
+        held.append(part)
+        if sum(map(len, held)) >= AT_ONCE:
+            await run_in_threadpool(file.writelines, held)
+            held = []
+    file.writelines(held)
+    file.flush()
+    await run_in_threadpool(os.fsync, file.fileno())

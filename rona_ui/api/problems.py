@@ -11,10 +11,17 @@ from fastapi import FastAPI
 from fastapi.exceptions import RequestValidationError
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 
-from rona_core.errors import InvalidInputError, NotFoundError, RonaError, SessionFormatError
+from rona_core.errors import (
+    InvalidInputError,
+    NotFoundError,
+    RonaError,
+    SessionFormatError,
+    StorageError,
+    storage_error,
+)
 
 MOST_ERRORS = 20  # that one answer names
 LONGEST_DETAIL, LONGEST_PLACE = 1000, 200  # characters: what was sent is not sent back
@@ -23,6 +30,7 @@ STATUS: dict[type[RonaError], int] = {  # all others: 409
     InvalidInputError: 422,
     SessionFormatError: 422,
     NotFoundError: 404,
+    StorageError: 507,
 }
 TITLES = {
     400: ("bad_request", "Bad request"),
@@ -30,6 +38,7 @@ TITLES = {
     403: ("forbidden", "Forbidden"),
     404: ("not_found", "Not found"),
     405: ("method_not_allowed", "Method not allowed"),
+    408: ("timeout", "The request did not come in time"),
     409: ("conflict", "Conflict"),
     413: ("too_large", "Body too large"),
     415: ("unsupported_media_type", "Unsupported media type: send JSON"),
@@ -104,9 +113,13 @@ def install(app: FastAPI) -> None:
             headers["Allow"] = ", ".join(methods)
         return problem(error.status_code, str(error.detail), headers=headers)
 
+    @app.exception_handler(ClientDisconnect)
+    async def _gone(request: Request, error: ClientDisconnect) -> Response:
+        return problem(400, "the request ended before its body was complete: send it again")
+
     @app.exception_handler(OSError)
     async def _storage(request: Request, error: OSError) -> Response:
-        return problem(507, f"the file system refused: {error.strerror or error}")
+        return problem_of(storage_error(error))
 
     @app.exception_handler(Exception)
     async def _defect(request: Request, error: Exception) -> Response:
@@ -155,6 +168,7 @@ RESPONSES: dict[int | str, dict[str, Any]] = {
         403: "It comes from a page of another origin",
         404: "No such session, job, file or tool",
         405: "The address knows other methods; `Allow` names them",
+        408: "Headers or body did not come in time",
         409: "Not possible in the present state; `code` says why",
         413: "The body is larger than this route takes",
         421: "The server does not go by the name in `Host`",

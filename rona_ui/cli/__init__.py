@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from rona_core import __version__
-from rona_core.errors import RonaError
+from rona_core.errors import RonaError, storage_error
 
 FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
 DESCRIPTION = (
@@ -31,8 +31,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED
     except OSError as error:
-        where = f" {error.filename}" if error.filename else ""
-        return _complain(f"{error.strerror or error}{where}", BAD_INPUT)
+        return _complain(str(storage_error(error)), BAD_INPUT)
     except KeyboardInterrupt:
         return _complain("interrupted", INTERRUPTED)
     except Exception as error:  # a defect: one line, unless somebody wants to see more
@@ -107,6 +106,12 @@ def _add_serve(verbs: Any) -> None:
         default=[],
         metavar="NAME",
         help="a further name that the server answers to; may be repeated",
+    )
+    verb.add_argument(
+        "--root-path",
+        default="",
+        metavar="PATH",
+        help="sub path that a reverse proxy serves it under, such as /rona",
     )
     verb.add_argument(
         "--no-auth",

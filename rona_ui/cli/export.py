@@ -4,6 +4,7 @@ import sys
 from typing import Any
 
 from rona_core.app.steps.maps.export import ALL, NAMES, export_maps
+from rona_core.errors import storing
 from rona_core.session.files import load_session
 
 
@@ -12,9 +13,10 @@ def run(wanted: Any) -> int:
     session = load_session(wanted.file)
     names = wanted.only or [name for name in NAMES if name != ALL]
     made = {name: export_maps(session, name) for name in names}
-    wanted.out.mkdir(parents=True, exist_ok=True)
     for name, data in made.items():
         path = wanted.out / name
-        path.write_bytes(data)
+        with storing(path):
+            wanted.out.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(data)
         sys.stdout.write(f"{path}  {len(data) / 1024:.0f} kB\n")
     return 0

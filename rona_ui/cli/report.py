@@ -6,6 +6,7 @@ from typing import Any
 
 from rona_core.app.report.report import workbench_report
 from rona_core.compose import open_session
+from rona_core.errors import storing
 
 
 def run(wanted: Any) -> int:
@@ -16,6 +17,7 @@ def run(wanted: Any) -> int:
     finally:
         bench.close()
     out: Path = wanted.out or wanted.file.with_suffix(".html")
-    out.write_bytes(page)
+    with storing(out):
+        out.write_bytes(page)
     sys.stdout.write(f"{out}  {len(page) / 1024:.0f} kB\n")
     return 0

@@ -69,6 +69,7 @@ def run(wanted: Any) -> NoReturn:
         token=None if wanted.no_auth else token_from_environment(),
         open_browser=not wanted.no_open,
         file=wanted.file,
+        root_path=wanted.root_path.rstrip("/"),
     )
 
     def say(url: str) -> None:

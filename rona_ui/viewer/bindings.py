@@ -13,7 +13,7 @@ from typing import Any, Protocol
 
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.runtime.session_registry import SessionRegistry
-from rona_core.errors import RonaError
+from rona_core.errors import RonaError, storage_error
 from rona_ui.labels import in_words
 
 DEBOUNCE_S = 0.4  # a field sends its message once it has been left alone for so long
@@ -30,6 +30,7 @@ TITLES = {
     "name_taken": "Name already in use",
     "file_changed": "File changed by another program",
     "session_format": "File cannot be opened",
+    "storage": "File cannot be written or read",
     "cancelled": "Cancelled",
 }
 
@@ -170,6 +171,8 @@ class Bindings:
 
 def report_error(client: Any, error: Exception) -> tuple[str, str]:
     """Show an error in one browser: cause and remedy, never a stack trace; return what it says."""
+    if isinstance(error, OSError):
+        error = storage_error(error)
     if isinstance(error, RonaError):
         title, body, color = TITLES.get(error.code, "Refused"), in_words(str(error)), "orange"
     else:

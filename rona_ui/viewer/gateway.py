@@ -35,6 +35,21 @@ from websockets.typing import Subprotocol
 from rona_core.errors import DeviceError
 
 TESTED = ("1.1.1",)  # versions of viser that the contract test was run with
+PAGE_POLICY = "; ".join(
+    (
+        "default-src 'none'",
+        "script-src 'nonce-{nonce}' 'unsafe-eval'",  # a part of it in WebAssembly makes functions
+        "worker-src blob: data:",
+        "connect-src 'self' blob: data:",
+        "style-src 'unsafe-inline'",  # its framework writes styles
+        "img-src 'self' blob: data:",
+        "media-src blob: data:",
+        "font-src data:",
+        "frame-ancestors 'self'",
+        "base-uri 'none'",
+        "form-action 'none'",
+    )
+)
 SECRET_HEADER = "X-Rona-Gateway"
 MAX_MESSAGE_BYTES = 64 * 1024**2
 FIRST_MESSAGE_S = 4.0  # from the connection to what the page sends by itself: its camera
@@ -50,8 +65,10 @@ class ViewerGateway:
         _keep_icons_open()
         self.server = _start_viser(self._secret)
         self._uri = f"ws://127.0.0.1:{self.server.get_port()}"
-        page = (Path(viser.__file__).parent / "client" / "build" / "index.html").read_bytes()
+        nonce = secrets.token_urlsafe(18)
+        page = _page_with(nonce)
         self._page = page
+        self._policy = PAGE_POLICY.format(nonce=nonce)
         self._zipped = gzip.compress(page, 6, mtime=0)
         self._etag = f'"{hashlib.sha256(page).hexdigest()[:32]}"'
 
@@ -78,6 +95,7 @@ class ViewerGateway:
         headers = {
             "ETag": self._etag,
             "Cache-Control": "no-cache",
+            "Content-Security-Policy": self._policy,
             "Vary": "Accept-Encoding",
             "X-Content-Type-Options": "nosniff",
         }
@@ -193,6 +211,24 @@ def _start_viser(secret: str) -> viser.ViserServer:
         )
     server.request_share_url = _refuse_sharing
     return server
+
+
+def _page_with(nonce: str) -> bytes:
+    """Return viser's page whose two scripts carry ``nonce``: that in it, and what that unpacks.
+
+    Raises:
+        DeviceError: the page is made in another way than that of the versions tested.
+    """
+    page = (Path(viser.__file__).parent / "client" / "build" / "index.html").read_bytes()
+    for script, also in ((b"<script ", b'nonce="%s" '), (b'e.type="module";', b'e.nonce="%s";')):
+        if page.count(script) != 1:
+            raise DeviceError(
+                f"the viewer's page could not be restricted to its own scripts: that of viser "
+                f"{viser.__version__} is made in another way than {', '.join(TESTED)}; install one "
+                "of these"
+            )
+        page = page.replace(script, script + also % nonce.encode())
+    return page
 
 
 def _keep_icons_open() -> None:

@@ -1,6 +1,7 @@
 // What every part of the page uses: elements, requests, messages, the newest state of the program.
 
-export const API = "/api/v1";
+export const ROOT = new URL("../../", import.meta.url).pathname; // a proxy may have us under a sub path
+export const API = `${ROOT}api/v1`;
 export const $ = (id) => document.getElementById(id);
 let messageTimer = 0;
 

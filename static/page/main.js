@@ -9,6 +9,7 @@ import "./commands/help.js";
 import "./look.js";
 import "./mode.js";
 import "./tabs.js";
+import "./graphics.js";
 import "./sessions/home.js";
 import "./sessions/guide.js";
 import "./sessions/recover.js";

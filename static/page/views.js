@@ -1,9 +1,9 @@
-// Which of the two is in sight: the start page, at /, or the session, at /session.
+// Which of the two is in sight: the start page, at the root, or the session, at session below it.
 
-import { $, follow, program, tell } from "./base.js";
+import { $, ROOT, follow, program, tell } from "./base.js";
 import { link, viewer } from "./link.js";
 
-const SESSION = "/session";
+const SESSION = `${ROOT}session`;
 const CONNECT_MS = 6000; // the viewer gives up a connection after 5 s
 
 function put(name) {
@@ -45,7 +45,7 @@ for (const dialog of document.querySelectorAll("dialog")) {
 }
 
 function go(name) {
-  const path = (name === "home" ? "/" : SESSION) + location.search;
+  const path = (name === "home" ? ROOT : SESSION) + location.search;
   if (location.pathname + location.search !== path) history.pushState(null, "", path);
   put(name);
 }

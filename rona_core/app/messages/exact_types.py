@@ -15,6 +15,7 @@ from typing import Annotated, Any, Literal, Union, cast
 
 from rona_core.app.declarations.declarations import Message
 from rona_core.app.messages.lengths import Length
+from rona_core.devices.settings import hidden_characters
 from rona_core.errors import InvalidInputError
 
 Place = tuple[str | int, ...]
@@ -127,10 +128,9 @@ def _of_fields(value: object, kind: type, path: Place) -> Iterator[Misfit]:
 def _of_text(value: object, path: Place) -> Iterator[Misfit]:
     if not isinstance(value, str):
         yield Misfit(path, "string_type", "text")
-    elif "\0" in value:
-        yield Misfit(path, "string_nul", "text without the character NUL")
-    elif any("\ud800" <= character <= "\udfff" for character in value):
-        yield Misfit(path, "string_unicode", "text of whole Unicode characters")
+    elif hidden := hidden_characters(value):
+        codes = ", ".join(sorted(f"U+{ord(character):04X}" for character in hidden))
+        yield Misfit(path, "string_hidden", f"text without the hidden characters {codes}")
 
 
 def require_exact(message: Message) -> None:

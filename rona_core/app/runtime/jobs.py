@@ -9,7 +9,13 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from rona_core.app.declarations.declarations import Message
-from rona_core.errors import CancelledError, DeviceError, NotFoundError, RonaError
+from rona_core.errors import (
+    CancelledError,
+    DeviceError,
+    NotFoundError,
+    RonaError,
+    storage_error,
+)
 
 JobState = Literal["running", "done", "failed", "cancelled"]
 MAX_RUNNING = 8
@@ -128,6 +134,9 @@ class Jobs:
             end = {"state": "cancelled", "error_code": error.code, "error": str(error)}
         except RonaError as error:
             end = {"state": "failed", "error_code": error.code, "error": str(error)}
+        except OSError as error:
+            refused = storage_error(error)
+            end = {"state": "failed", "error_code": refused.code, "error": str(refused)}
         except Exception as error:  # a defect: the job ends, the program goes on
             traceback.print_exc()
             text = f"{type(error).__name__}: {error}"

@@ -11,6 +11,7 @@ from rona_core.app.runtime.saving.autosave import Autosave, CopyState
 from rona_core.app.runtime.saving.recovery import LostSession, Recovery, restore
 from rona_core.app.runtime.saving.session_files import FileState, SessionFiles, plain_name
 from rona_core.app.runtime.workbench import Services, Workbench
+from rona_core.devices.settings import hidden_characters, require
 from rona_core.errors import FileChangedError, InvalidInputError, NotFoundError
 from rona_core.session.document import Session, Setup
 from rona_core.session.files import FileIdentity, load_identified, load_session
@@ -127,7 +128,12 @@ class SessionRegistry:
     # -------------------------------------------------------------- opening and closing
 
     def create(self, name: str = "untitled", seed: int = 0) -> Workbench:
-        """Open a new, empty session and make it the current one."""
+        """Open a new, empty session and make it the current one.
+
+        Raises:
+            InvalidInputError: the name has hidden characters in it.
+        """
+        require(not hidden_characters(name), f"hidden characters in the name {name[:60]!a}")
         return self._add(Session(name=name, setup=Setup(seed=seed)))
 
     def open_file(self, file: str) -> Workbench:

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rona_core.errors import InvalidInputError
+from rona_core.errors import InvalidInputError, StorageError, storing
 
 Found = dict[str, NDArray[Any] | None]  # None: a name in the file whose contents nobody wants
 Reader = Callable[[Path, str], Mapping[str, NDArray[Any] | None]]
@@ -46,12 +46,16 @@ def read_apart(reader: Reader, source: bytes | Path, name: str, kind: str) -> Fo
     Raises:
         InvalidInputError: refused by the reader, damaged, or one that needs too much memory or
             time, or that crashes the library.
+        StorageError: no space or no right for the temporary files that this takes.
     """
-    with tempfile.TemporaryDirectory(prefix="rona-") as place:
+    with storing(tempfile.gettempdir()):
+        temporary = tempfile.TemporaryDirectory(prefix="rona-")
+    with temporary as place:
         folder = Path(place)
         path = source.resolve() if isinstance(source, Path) else folder / CONTENTS
         if isinstance(source, bytes):
-            path.write_bytes(source)
+            with storing(place):
+                path.write_bytes(source)
         job = json.dumps([reader.__module__, reader.__name__, place, str(path), name])
         paths = os.pathsep.join(str(Path(entry or ".").resolve()) for entry in sys.path)
         limits = {"PYTHONPATH": paths, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
@@ -67,6 +71,11 @@ def read_apart(reader: Reader, source: bytes | Path, name: str, kind: str) -> Fo
             )
         except subprocess.TimeoutExpired as error:
             raise InvalidInputError(_too_slow(name, kind)) from error
+        if ended.returncode == os.EX_IOERR:
+            raise StorageError(
+                f"what {name} holds could not be put down in {place}: free space there, or set "
+                "TMPDIR to another folder"
+            )
         report = folder / REPORT
         if not report.is_file():
             raise InvalidInputError(_why(ended.returncode, name, kind))
@@ -117,8 +126,11 @@ def main() -> None:
     module, function, place, path, name = json.loads(sys.argv[1])
     reader: Reader = getattr(importlib.import_module(module), function)
     _bound()
-    outcome = _report(reader, Path(path), Path(place), name)
-    (Path(place) / REPORT).write_text(json.dumps(outcome), "utf-8")
+    try:
+        outcome = _report(reader, Path(path), Path(place), name)
+        (Path(place) / REPORT).write_text(json.dumps(outcome), "utf-8")
+    except OSError:  # of our own files; the reader's are caught
+        sys.exit(os.EX_IOERR)
 
 
 def _report(reader: Reader, path: Path, folder: Path, name: str) -> dict[str, Any]:
@@ -127,7 +139,10 @@ def _report(reader: Reader, path: Path, folder: Path, name: str) -> dict[str, An
         for i, (key, value) in enumerate(reader(path, name).items()):
             files[key] = None if value is None else f"{i}.npy"
             if value is not None:
-                np.save(folder / f"{i}.npy", value, allow_pickle=False)
+                with storing(folder):
+                    np.save(folder / f"{i}.npy", value, allow_pickle=False)
+    except StorageError:
+        raise
     except InvalidInputError as error:
         return {"error": str(error)}
     except MemoryError:

@@ -150,7 +150,10 @@ def test_figures_are_told_even_if_the_session_cannot_be_written(run_demo, capsys
     assert main(["demo", "--json", "--out", "out.rona"]) == 2
     out, err = capsys.readouterr()
     assert json.loads(out)["outer_rms_mm"] == FIGURES_OF_A_RUN["outer_rms_mm"]
-    assert err.splitlines()[-1] == "error: No space left on device out.rona"
+    assert err.splitlines()[-1] == (
+        "error: the file system refused out.rona: the disk is full; "
+        "free space there, or choose another folder"
+    )
 
 
 @pytest.mark.parametrize("center", [["nan", "0", "0"], ["0", "inf", "0"], ["0", "0", "1e9"]])

@@ -329,7 +329,7 @@ def test_a_damaged_upload_is_refused_and_nothing_opens(client, at):
 
 
 LONG = "\U0001d538" * 100  # 400 bytes
-NOT_PLAIN = ["../x", "a/b", ".x", "\\x", "a\nb", "a\0b", "..", LONG]
+NOT_PLAIN = ["../x", "a/b", ".x", "\\x", "a\nb", "a\0b", "a\u202eb", "..", LONG]
 
 
 @pytest.mark.parametrize("file", NOT_PLAIN)
@@ -347,7 +347,7 @@ def test_what_is_no_plain_file_name_is_refused_everywhere(at, client, web, file)
 
 
 def test_a_session_is_saved_whatever_its_name(at, web):
-    for name in ("x" * 80, "\U0001d538" * 80, "../../x", ".", "a\nb"):
+    for name in ("x" * 80, "\U0001d538" * 80, "../../x", "."):
         assert at("POST", "/commands/RenameSession", json={"name": name}).status_code == 200
         free = web.hub.files.free_path(name)
         assert free.parent == web.folder

@@ -35,7 +35,7 @@ ROUTES = [
     ("PUT", f"{IN_SESSION}/tracker/tools/pointer6d/pose", ToolPose),
     ("PUT", f"{IN_SESSION}/operator/pointer", PointerTurn),
 ]
-WRONG = {int: ["1", True, 1.0], float: ["60", True], bool: ["yes", 1], str: [1, "a\0b"]}
+WRONG = {int: ["1", True, 1.0], float: ["60", True], bool: ["yes", 1], str: [1, "a\0b", "a\u202eb"]}
 
 
 def wrong_values(hint):

@@ -13,11 +13,13 @@ import websockets.asyncio.client
 import websockets.asyncio.server
 import websockets.exceptions
 
+from rona_core.compose import build_registry
 from rona_core.errors import DeviceError, InvalidInputError
-from rona_ui.api.access_guard import COOKIE, is_loopback
+from rona_ui.api.access_guard import is_loopback
 from rona_ui.server import ServerSettings, address, has_display
 from rona_ui.viewer import gateway as gateway_module
 from rona_ui.viewer.gateway import SECRET_HEADER, TESTED, ViewerGateway
+from tests.helpers.api_server import TOKEN, start
 
 PROTOCOL = f"viser-v{viser.__version__}"
 CURRENT = "/api/v1/status"
@@ -28,11 +30,21 @@ def known(web):
     return {"Authorization": f"Bearer {web.token}"}
 
 
+@pytest.fixture
+def cookie(anonymous, web):
+    """The cookie that the printed address gives, as it is sent back."""
+    anonymous.cookies.clear()
+    answer = anonymous.get("/", params={"token": web.token})
+    anonymous.cookies.clear()
+    return answer.headers["set-cookie"].split(";")[0]
+
+
 @pytest.mark.parametrize(
     "token", ["", "wrong", "a-token-of-the-test", "ä", "a-token-of-the-tests2"]
 )
-def test_a_wrong_token_is_refused(anonymous, token):
-    for name, text in (("Authorization", f"Bearer {token}"), ("Cookie", f"{COOKIE}={token}")):
+def test_a_wrong_token_is_refused(anonymous, cookie, token):
+    sent = f"{cookie.partition('=')[0]}={token}"
+    for name, text in (("Authorization", f"Bearer {token}"), ("Cookie", sent)):
         headers = {name: text.strip().encode()}
         answer = anonymous.get(CURRENT, headers=headers)
         assert answer.status_code == 401
@@ -50,6 +62,30 @@ def test_the_printed_address_gives_a_cookie_and_a_clean_address(anonymous, web):
     anonymous.cookies.clear()
     assert anonymous.get(CURRENT, headers={"Cookie": value}).status_code == 200
     assert anonymous.get(CURRENT, headers={"Cookie": f"other=1; {value}"}).status_code == 200
+
+
+def test_the_cookie_is_not_the_token_and_opens_this_server_alone(anonymous, cookie, web, tmp_path):
+    name, _, value = cookie.partition("=")
+    assert name == f"rona_{web.port}"
+    assert len(value) >= 32
+    assert web.token not in cookie
+    assert anonymous.get(CURRENT, headers={"Cookie": f"{name}={web.token}"}).status_code == 401
+    bearer = {"Authorization": f"Bearer {value}"}
+    assert anonymous.get(CURRENT, headers=bearer).status_code == 401
+    assert anonymous.get("/", params={"token": value}).status_code == 401
+    # a browser sends it to every port of this machine: another server learns no token by it, has
+    # another name for its own, and does not take it
+    hub = build_registry(tmp_path, processes=False)
+    other, thread, port = start(hub, None, ServerSettings(port=0, sessions=tmp_path, token=TOKEN))
+    for sent in (cookie, f"rona_{port}={value}"):
+        answer = httpx2.get(f"http://127.0.0.1:{port}{CURRENT}", headers={"Cookie": sent})
+        assert answer.status_code == 401
+    forwarded = {"Host": "localhost:7000"}  # as through SSH: named as the browser has it
+    answer = anonymous.get("/", params={"token": web.token}, headers=forwarded)
+    assert answer.headers["set-cookie"].startswith("rona_7000=")
+    other.should_exit = True
+    thread.join(20)
+    hub.close_all()
 
 
 def test_the_token_leads_to_no_other_site(web):
@@ -72,6 +108,7 @@ def test_a_token_in_the_address_changes_nothing(anonymous, web):
 def test_other_host_names_are_refused(anonymous, known, host):
     answer = anonymous.get(CURRENT, headers={**known, "Host": host})
     assert (answer.status_code, answer.json()["code"]) == (421, "misdirected")
+    assert "--allow-host" in answer.json()["detail"]
 
 
 @pytest.mark.parametrize("host", ["localhost", "127.0.0.1:1", "[::1]:8642", "LOCALHOST:2"])
@@ -151,11 +188,10 @@ def connect(port, path="/viewer", protocol=PROTOCOL, **headers):
 
 
 @pytest.mark.parametrize("path", ["/viewer", "/viewer/"])
-def test_the_viewer_answers_through_the_relay(web, known, path):
+def test_the_viewer_answers_through_the_relay(web, known, cookie, path):
     origin = f"http://127.0.0.1:{web.port}"
     assert isinstance(connect(web.port, path, Origin=origin, **known), bytes)
-    cookie = {"Cookie": f"{COOKIE}={web.token}"}
-    assert isinstance(connect(web.port, path, Origin=origin, **cookie), bytes)
+    assert isinstance(connect(web.port, path, Origin=origin, Cookie=cookie), bytes)
 
 
 def test_a_websocket_is_refused_to_strangers(web, known):
@@ -259,6 +295,18 @@ def test_a_viser_that_starts_otherwise_is_not_used(monkeypatch):
     assert Other.stopped
 
 
+def test_a_page_of_viser_made_otherwise_is_not_used(monkeypatch):
+    genuine = gateway_module.Path.read_bytes
+    for spoilt in (b"<script ", b'e.type="module";'):
+        monkeypatch.setattr(
+            gateway_module.Path,
+            "read_bytes",
+            lambda path, spoilt=spoilt: genuine(path).replace(spoilt, b"?"),
+        )
+        with pytest.raises(DeviceError, match="could not be restricted to its own scripts"):
+            gateway_module._page_with("n")
+
+
 def test_viser_prints_nothing_and_leaves_websockets_as_they_were(capfd):
     genuine = websockets.asyncio.server.serve
     gateway = ViewerGateway()
@@ -285,6 +333,27 @@ def test_the_viewers_page_is_compressed_and_cached(anonymous, known):
     other = anonymous.get("/viewer/", headers={**known, "If-None-Match": '"other"'})
     assert other.status_code == 200
     assert anonymous.get("/viewer", headers=known).headers["location"] == "/viewer/"
+
+
+PAGES = ("/", "/session", "/viewer/", "/api/v1/docs", "/favicon.ico", "/static/icon.svg")
+
+
+@pytest.mark.parametrize("path", [*PAGES, "/nowhere", CURRENT, "/static/page/main.js"])
+def test_nothing_runs_or_frames_what_is_not_ours(anonymous, known, path):
+    """No answer lets a browser run what was written into it, or load from elsewhere."""
+    answer = anonymous.get(path, headers=known)
+    rules = answer.headers["content-security-policy"].split("; ")
+    policy = {rule.partition(" ")[0]: rule.split()[1:] for rule in rules}
+    scripts = policy.get("script-src", policy["default-src"])
+    assert not {"'unsafe-inline'", "*", "data:", "blob:", "http:", "https:"} & set(scripts)
+    assert ("'unsafe-eval'" in scripts) == (path == "/viewer/")  # only code that runs can use it
+    assert policy["default-src"] in (["'none'"], ["'self'"])
+    assert policy["frame-ancestors"] == ["'self'"]
+    for sources in policy.values():
+        assert all("." not in source and "*" not in source for source in sources)
+    for nonce in (word[7:-1] for word in scripts if word.startswith("'nonce-")):
+        assert len(nonce) >= 20
+        assert answer.text.count(nonce) == 2  # viser's page: its script, and the one that unpacks
 
 
 # -- settings --------------------------------------------------------------------------------------

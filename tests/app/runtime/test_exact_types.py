@@ -9,19 +9,28 @@ import pytest
 
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.messages.exact_types import misfits, require_exact
-from rona_core.app.steps.setup.messages import SetSeed, SetTracker
+from rona_core.app.runtime.saving.session_files import plain_name
+from rona_core.app.runtime.session_step import RenameSession
+from rona_core.app.steps.setup.messages import SetSeed, SetTracker, StartSkullImport
 from rona_core.app.steps.tool.messages import StartRobotMove
-from rona_core.compose import new_workbench
+from rona_core.compose import build_registry, new_workbench
+from rona_core.devices.settings import hidden_characters
 from rona_core.errors import InvalidInputError
 from rona_core.session.document import Session
+from rona_core.session.files import session_bytes, session_from_bytes
 
 MESSAGES = REGISTRY.command_types | REGISTRY.activity_types
+# NUL, ends of lines, escape, DEL, C1, half a character, every control of bidirectional text, zero
+# width, a tag: a name with one of them looks like another, or as if it were turned round
+HIDDEN_SAMPLES = "\0\n\r\t\x1b\x7f\x85\ud800\u2028\u2029\u061c\u200e\u200f"
+HIDDEN_SAMPLES += "\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069"
+HIDDEN_SAMPLES += "\u200b\ufeff\u00ad\U000e0041"
 # for each plain type, what JSON can send that is of another one, and what fits
 WRONG = {
     int: ["1", True, 1.0, 1.5, [1], {}],
     float: ["60", True, False, [1.0], {}],
     bool: ["yes", "true", 1, 0, 1.0, [True], {}],
-    str: [1, 1.5, True, ["a"], {}, "a\0b", "\ud800"],
+    str: [1, 1.5, True, ["a"], {}, *(f"a{c}b" for c in HIDDEN_SAMPLES)],
 }
 FITS = {int: [1], float: [1, 1.5], bool: [True, False], str: ["1"]}
 
@@ -118,3 +127,30 @@ def test_all_faults_are_found_and_unknown_fields_named():
         (("speed",), "extra_forbidden"),
     ]
     assert [misfit.path for misfit in misfits([], StartRobotMove)] == [()]
+
+
+def test_text_of_every_script_is_taken():
+    for name in ("Schädel 7", "颅骨", "جمجمة", "گل\u200cها", "क्\u200dष", "🧑\u200d⚕️", "a & <b>"):
+        assert not hidden_characters(name)
+        assert list(misfits({"name": name}, RenameSession)) == []
+
+
+@pytest.mark.parametrize("character", HIDDEN_SAMPLES)
+def test_a_name_shows_every_character_wherever_it_comes_from(character, tmp_path):
+    name = f"sk{character}ull"
+    hub = build_registry(tmp_path, processes=False)
+    for attempt in (
+        lambda: hub.create(name),
+        lambda: hub.create().dispatch(RenameSession(name)),
+        lambda: hub.open_file(name),
+        lambda: hub.save(file=name),
+        lambda: plain_name(name),
+        lambda: StartSkullImport(file=name),
+    ):
+        with pytest.raises(InvalidInputError) as refused:
+            attempt()
+        assert character not in str(refused.value)
+    hub.close_all()
+    if character != "\ud800":  # no file can hold it
+        foreign = session_from_bytes(session_bytes(Session(name=name)))
+        assert foreign.name == "sk\ufffdull"

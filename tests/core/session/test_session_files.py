@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from rona_core.devices.samples import ToolTrack
-from rona_core.errors import NotFoundError, SessionFormatError
+from rona_core.errors import NotFoundError, SessionFormatError, StorageError
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.session import files, members
 from rona_core.session.captures import PointerCapture
@@ -128,7 +128,7 @@ def test_a_crash_while_writing_leaves_the_old_file(tmp_path, monkeypatch):
         raise OSError("disk full")
 
     monkeypatch.setattr(os, "fsync", crash)
-    with pytest.raises(OSError, match="disk full"):
+    with pytest.raises(StorageError, match=r"one.rona: disk full; try another folder"):
         save_session(replace(session(), name="second"), path)
     assert path.read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == ["one.rona"]

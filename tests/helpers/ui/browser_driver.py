@@ -8,7 +8,7 @@ import sys
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -119,18 +119,22 @@ def running_browser() -> Iterator[Any]:
 
 @contextmanager
 def running_server(
-    sessions: Path, pace: float | None = None, file: Path | None = None
+    sessions: Path,
+    pace: float | None = None,
+    file: Path | None = None,
+    more: Sequence[str] = (),
 ) -> Iterator[str]:
     """Run `rona serve` on a free port with a file open; yields the session's address.
 
-    Captures are shown at its own or another pace. Without a file it is a copy of the demo.
+    Captures are shown at its own or another pace. Without a file it is a copy of the demo; ``more``
+    are further arguments.
     """
     port = free_port()
     environment = {**os.environ, "RONA_TOKEN": TOKEN, "OMP_NUM_THREADS": "1"}
     log = (sessions / "server.log").open("wb")
     arguments = ["serve", str(file or demo_session()), "--no-open"]
     arguments += ["--port", str(port), "--sessions", str(sessions)]
-    arguments += [] if pace is None else ["--pace", str(pace)]
+    arguments += [*([] if pace is None else ["--pace", str(pace)]), *more]
     server = subprocess.Popen(
         [sys.executable, "-m", "rona_ui", *arguments],
         cwd=REPOSITORY,

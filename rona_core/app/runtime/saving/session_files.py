@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from rona_core.devices.settings import hidden_characters
 from rona_core.errors import FileChangedError, InvalidInputError, NameTakenError
 from rona_core.session.document import Session
 from rona_core.session.files import (
@@ -29,11 +30,11 @@ def plain_name(name: str) -> str:
     """Return ``name`` if it is a plain file name.
 
     Raises:
-        InvalidInputError: empty, hidden, too long, or with a path or a control character in it.
+        InvalidInputError: empty, hidden, too long, or with a path or a hidden character in it.
     """
-    control = any(ord(character) < 32 or ord(character) == 127 for character in name)
-    if not name or name.startswith(".") or "/" in name or "\\" in name or control:
-        raise InvalidInputError(f"expected a plain file name, got {name[:60]!r}")
+    hidden = hidden_characters(name)
+    if not name or name.startswith(".") or "/" in name or "\\" in name or hidden:
+        raise InvalidInputError(f"expected a plain file name, got {name[:60]!a}")
     if len(name.encode()) > MAX_NAME_BYTES:
         raise InvalidInputError(
             f"a file name may have {MAX_NAME_BYTES} bytes, not {len(name.encode())}: shorten it"
