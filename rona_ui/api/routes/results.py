@@ -52,19 +52,18 @@ def get_results(bench: Bench, step: str, max_points: MaxPoints = None) -> FastJs
     and a translation. `value` is null while there is nothing. How sure the maps are stands in
     `accuracy` (of the scan by hand: `sono_accuracy`): standard deviations over their grid.
     `reference_gain` proposes places for a caliper and says what they gain; `verification` of the
-    scan tells whether tracker, pointer and robot agree on the landmarks.
+    scan tells whether tracker, pointer and robot agree on the landmarks. `acoustics`, beside the
+    steps of the procedure, has the delay line, the speed of sound and what other probes would do.
     """
-    if step not in REGISTRY.step_names:
-        raise NotFoundError(
-            f"there is no step {step!r}: it is one of {', '.join(REGISTRY.step_names)}"
-        )
+    if step not in REGISTRY.listed:
+        raise NotFoundError(f"there is no step {step!r}: it is one of {', '.join(REGISTRY.listed)}")
     session, mapped = bench.session, step == "maps"
     captures, results = REGISTRY.parts_of(step)
     by_hand = plain(map_accuracy(session, hand=True), max_points) if mapped else None
     return FastJson(
         {
             "step": step,
-            "summary": REGISTRY.lines[step].summary(session),
+            "summary": REGISTRY.lines[step].summary(session) if step in REGISTRY.lines else "",
             "setup": plain(session.setup, max_points) if step == "setup" else None,
             "probe_advice": plain(probe_advice(session)) if mapped else None,
             "verification": plain(landmark_report(session)) if step == "scan" else None,

@@ -1,5 +1,6 @@
 """The sessions folder: which open session a file belongs to, and under which name one is saved."""
 
+import re
 import threading
 from pathlib import Path
 
@@ -17,14 +18,22 @@ MAX_NAME_BYTES = 200  # file systems take 255; temporary and backup files add to
 MAX_UPLOAD_BYTES = 512 * 1024**2
 
 
+PLAIN_NAME = r"^(?!\.)[^/\\\x00-\x1f\x7f]+$"
+FILE_NAME = {  # of a field that names a file; the bytes are counted by ``plain_name``
+    "minLength": 1,
+    "maxLength": MAX_NAME_BYTES,
+    "pattern": PLAIN_NAME,
+    "rule": f"a plain file name of at most {MAX_NAME_BYTES} bytes, without path",
+}
+
+
 def plain_name(name: str) -> str:
     """Return ``name`` if it is a plain file name.
 
     Raises:
         InvalidInputError: empty, hidden, too long, or with a path or a control character in it.
     """
-    control = any(ord(character) < 32 or ord(character) == 127 for character in name)
-    if not name or name.startswith(".") or "/" in name or "\\" in name or control:
+    if not re.fullmatch(PLAIN_NAME, name):
         raise InvalidInputError(f"expected a plain file name, got {name[:60]!r}")
     if len(name.encode()) > MAX_NAME_BYTES:
         raise InvalidInputError(

@@ -3,9 +3,21 @@
 from typing import Literal
 
 from rona_core.app.messages.message import message, within
+from rona_core.devices.limits import PLACE, limited, require
 
 Corners = tuple[tuple[float, float], ...]  # u and v in the plane of the maps, in mm
 ImplantName = Literal["BCI 601", "BCI 602", "CI receiver", "Osia/Baha screw"]
+MAX_AVOIDED, MAX_CORNERS = 50, 500
+DRAWN = f"each a point, a line or an area, of 1 to {MAX_CORNERS} corners"
+
+
+def require_drawn(avoid: tuple[Corners, ...]) -> None:
+    """Raise InvalidInputError unless each of what is to be avoided has 1 to ``MAX_CORNERS``."""
+    for corners in avoid:
+        require(
+            1 <= len(corners) <= MAX_CORNERS,
+            f"what is to be avoided has 1 to {MAX_CORNERS} corners each, not {len(corners)}",
+        )
 
 
 @message
@@ -21,8 +33,11 @@ class StartBedSearch:
     probability: float = within(0.5, 0.9999, default=0.99)  # of that, and of bone for each screw
     lift_mm: float | None = within(0.0, 4.0, default=None)
     burr_mm: float | None = within(0.5, 12.0, default=None)  # None: the largest of four that fits
-    avoid: tuple[Corners, ...] = ()
+    avoid: tuple[Corners, ...] = limited((), **PLACE, maxItems=MAX_AVOIDED, rule=DRAWN)
     avoid_mm: float = within(0.0, 50.0, default=2.0)  # by which the bed keeps away from these
+
+    def __post_init__(self) -> None:
+        require_drawn(self.avoid)
 
 
 @message
@@ -39,8 +54,11 @@ class PlaceBed:
     probability: float = within(0.5, 0.9999, default=0.99)
     lift_mm: float = within(0.0, 4.0, default=0.0)
     burr_mm: float | None = within(0.5, 12.0, default=None)
-    avoid: tuple[Corners, ...] = ()
+    avoid: tuple[Corners, ...] = limited((), **PLACE, maxItems=MAX_AVOIDED, rule=DRAWN)
     avoid_mm: float = within(0.0, 50.0, default=2.0)
+
+    def __post_init__(self) -> None:
+        require_drawn(self.avoid)
 
 
 @message
