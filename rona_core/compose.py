@@ -64,6 +64,16 @@ def specimen_of(setup: Setup) -> Specimen:
     )
 
 
+def require_region_on_bone(setup: Setup) -> None:
+    """Raise InvalidInputError where the region of a set-up is off its bone.
+
+    What is built to see it is shared with the devices that need it next.
+    """
+    chosen = setup.region.center_mesh_mm is not None
+    if chosen or isinstance(setup.specimen, LoadedSkull):
+        specimen_of(setup)
+
+
 def world_of(setup: Setup) -> World:
     """Return what patient and devices of a set-up really are."""
     return draw_world(setup.world, setup.bone, setup.seed)
@@ -148,6 +158,7 @@ def virtual_services(compute: Compute = compute_here, pace: float | None = None)
         rehearse=rehearse_virtually,
         predict=predicted_figures,
         map_errors=virtual_map_errors,
+        check_bone=require_region_on_bone,
     )
 
 

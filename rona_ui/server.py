@@ -9,14 +9,14 @@ import shutil
 import socket
 import threading
 import webbrowser
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
 import uvicorn
 import viser
-from fastapi import FastAPI
+from fastapi import APIRouter, FastAPI
 from fastapi.staticfiles import StaticFiles
 from starlette.requests import Request
 from starlette.responses import FileResponse, Response
@@ -47,6 +47,7 @@ from rona_ui.api.routes import (
     tracker,
 )
 from rona_ui.api.routes import operator as hand
+from rona_ui.api.schema_limits import add_limits
 from rona_ui.api.streams import Streams
 from rona_ui.api.timed_protocol import TimedProtocol
 from rona_ui.resources import sessions_dir, static_dir
@@ -163,9 +164,10 @@ def bare_app(hub: SessionRegistry, gateway: ViewerGateway | None, root_path: str
     parts = (sessions, files, recovery, commands, jobs, results, maps, implant, events)
     parts += (tracker, robot, probe, hand)
     declared = (commands.declared_commands(), jobs.declared_jobs())
-    for router in (*(part.router for part in parts), sessions.files, *declared):
+    routers = (*(part.router for part in parts), sessions.files, *declared)
+    for router in routers:
         app.include_router(router, prefix=PREFIX, responses=problems.RESPONSES)
-    _describe(app)
+    _describe(app, routers)
     return app
 
 
@@ -192,8 +194,8 @@ def _add_pages(app: FastAPI) -> None:
     app.mount("/static", StaticFiles(directory=folder), name="static")
 
 
-def _describe(app: FastAPI) -> None:
-    """Add the problem and the token to the OpenAPI document."""
+def _describe(app: FastAPI, routers: Sequence[APIRouter]) -> None:
+    """Add limits of fields, the problem and the token to the OpenAPI document."""
     generate = app.openapi
     lock = threading.Lock()  # it is made in threads, and once
 
@@ -204,6 +206,7 @@ def _describe(app: FastAPI) -> None:
     def described() -> dict[str, Any]:
         if app.openapi_schema is None:
             document = generate()
+            add_limits(document, routers)
             for verbs in document["paths"].values():
                 for operation in verbs.values():
                     first = operation.get("description", "").splitlines()

@@ -4,7 +4,9 @@ import unicodedata
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal, get_args
 
-from rona_core.errors import InvalidInputError
+from rona_core.devices.limits import limited, number, require_limits
+from rona_core.devices.limits import require as require  # the same for other settings
+from rona_core.devices.limits import require_within as require_within
 
 HIDDEN = ("Cc", "Cf", "Cs", "Zl", "Zp")  # Unicode categories of what cannot be seen in a name
 STRICT = {"extra": "forbid", "allow_inf_nan": False}  # how a web layer parses these classes
@@ -18,25 +20,9 @@ PulseShape = Literal["resonant", "damped", "double", "ringing"]
 # Tracked rigid bodies, by name. New ones come last: each draws its noise after those before it.
 TOOLS = ("toolmarker", "pointer6d", "pointer5d", "basemarker", "sonopointer", "headmarker")
 SONO = "sonopointer"  # the ultrasound probe with a marker plate, held in the hand
-TRACKER_RATES_HZ = (20.0, 60.0)  # lowest and highest
 LATENCY_MS = {"vega": 14.0}  # of profiles that state one; the others deliver at once
 
 ROOM_C = 22.0  # temperature at which the delay lines are specified
-PROBE_LIMITS = {  # what a probe may be made of: the echo of its line comes before its record ends
-    "centre_mhz": (0.5, 5.0),
-    "bandwidth": (0.2, 0.9),
-    "aperture_mm": (3.0, 20.0),
-    "line_length_mm": (8.0, 25.0),
-    "adc_bits": (6, 16),
-    "gain_db": (-20.0, 40.0),
-    "line_temperature_c": (10.0, 45.0),
-}
-
-
-def require(condition: bool, message: str) -> None:
-    """Raise InvalidInputError with ``message`` unless ``condition`` holds."""
-    if not condition:
-        raise InvalidInputError(message)
 
 
 def hidden_characters(text: str) -> set[str]:
@@ -48,26 +34,19 @@ def hidden_characters(text: str) -> set[str]:
     return {c for c in text if unicodedata.category(c) in HIDDEN and c not in "\u200c\u200d"}
 
 
-def require_within(name: str, value: float, low: float, high: float) -> None:
-    """Raise InvalidInputError unless ``value`` lies between ``low`` and ``high``, both allowed."""
-    require(low <= value <= high, f"{name} must be {low:g} to {high:g}, not {value:g}")
-
-
 @dataclass(frozen=True, slots=True)
 class TrackerPlace:
     """Where the tracker stands: shifted from its first place, and turned about its vertical."""
 
     __pydantic_config__: ClassVar = STRICT
 
-    shift_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)  # along the axes of ``base``
-    turn_deg: float = 0.0
+    shift_mm: tuple[float, float, float] = number(  # along the axes of ``base``
+        (0.0, 0.0, 0.0), "Tracker shift", "mm", -500.0, 500.0, 1.0
+    )
+    turn_deg: float = number(0.0, "Tracker rotation", "deg", -20.0, 20.0, 0.5)
 
     def __post_init__(self) -> None:
-        require(
-            all(abs(v) <= 500.0 for v in self.shift_mm),
-            f"shift_mm must stay within 500 mm, not {self.shift_mm}",
-        )
-        require_within("turn_deg", self.turn_deg, -20.0, 20.0)
+        require_limits(self)
 
 
 FIRST_PLACE = TrackerPlace()
@@ -83,29 +62,26 @@ class TrackerSettings:
     __pydantic_config__: ClassVar = STRICT
 
     profile: TrackerProfile = "polaris"
-    rate_hz: float = 60.0
-    hidden_tools: tuple[str, ...] = ()  # tools that are covered up, see TOOLS
+    rate_hz: float = number(60.0, "Rate", "Hz", 20.0, 60.0, 1.0)
+    hidden_tools: tuple[str, ...] = limited((), enum=TOOLS)  # tools that are covered up
     stereo: bool = True  # errors grow with the distance, as those of two cameras do
-    depth_ratio: float = 3.0  # error in depth over error in either lateral direction
+    # error in depth over error in either lateral direction
+    depth_ratio: float = number(3.0, "Depth ratio", "", 1.0, 8.0, 0.5)
     occlusion: bool = True  # head, robot and hand can hide single markers
-    phantom_share: float = 0.0  # of the frames of a 5D tool: two markers taken for each other
-    latency_ms: float | None = None  # from measurement to arrival; None: as the profile has it
-    drift_mm: float = 0.0  # by which a cold tracker is off; it decays while it warms up
-    minutes_on: float = 60.0  # since it was switched on, when the first capture begins
-    dropped_share: float = 0.0  # of the frames, which never arrive
+    # of the frames of a 5D tool: two markers taken for each other
+    phantom_share: float = number(0.0, "Ghost solutions", "", 0.0, 0.2, 0.01)
+    # from measurement to arrival; None: as the profile has it
+    latency_ms: float | None = number(None, "Latency", "ms", 0.0, 200.0, 1.0)
+    # by which a cold tracker is off; it decays while it warms up
+    drift_mm: float = number(0.0, "Warm-up drift", "mm", 0.0, 2.0, 0.1)
+    # since it was switched on, when the first capture begins
+    minutes_on: float = number(60.0, "Warm-up time", "min", 0.0, 600.0, 1.0)
+    # of the frames, which never arrive
+    dropped_share: float = number(0.0, "Frame loss", "", 0.0, 0.5, 0.01)
     place: TrackerPlace = FIRST_PLACE  # somebody may move it between captures
 
     def __post_init__(self) -> None:
-        require_within("rate_hz", self.rate_hz, *TRACKER_RATES_HZ)
-        for tool in self.hidden_tools:
-            require(tool in TOOLS, f"tool must be one of {', '.join(TOOLS)}, not {tool!r}")
-        require_within("depth_ratio", self.depth_ratio, 1.0, 8.0)
-        require_within("phantom_share", self.phantom_share, 0.0, 0.2)
-        if self.latency_ms is not None:
-            require_within("latency_ms", self.latency_ms, 0.0, 200.0)
-        require_within("drift_mm", self.drift_mm, 0.0, 2.0)
-        require_within("minutes_on", self.minutes_on, 0.0, 600.0)
-        require_within("dropped_share", self.dropped_share, 0.0, 0.5)
+        require_limits(self)
 
     @property
     def latency_s(self) -> float:
@@ -123,24 +99,24 @@ class ContactSettings:
 
     __pydantic_config__: ClassVar = STRICT
 
-    force_n: float = 3.0  # set point, along the tool axis
-    period_ms: float = 16.0  # of the control loop
-    delay_ms: float = 32.0  # from a correction that is sent to the robot beginning it
-    lag_ms: float = 20.0  # time constant with which the robot then follows
-    travel_mm: float = 5.0  # the correction may go this far either way from the certified motion
-    approach_mm_per_s: float = 2.0  # closing speed until the probe is pressed on
-    monitor_n: float = 10.0  # above it the scan halts and the probe yields
-    stop_n: float = 20.0  # above it everything stops
+    # set point, along the tool axis
+    force_n: float = number(3.0, "Contact force", "N", 0.5, 8.0, 0.5)
+    period_ms: float = number(16.0, "Control period", "ms", 1.0, 50.0, 1.0)  # of the loop
+    # from a correction that is sent to the robot beginning it
+    delay_ms: float = number(32.0, "Robot delay", "ms", 0.0, 200.0, 1.0)
+    # time constant with which the robot then follows
+    lag_ms: float = number(20.0, "Robot lag", "ms", 1.0, 200.0, 1.0)
+    # the correction may go this far either way from the certified motion
+    travel_mm: float = number(5.0, "Max. correction", "mm", 1.0, 10.0, 0.5)
+    # closing speed until the probe is pressed on
+    approach_mm_per_s: float = number(2.0, "Approach speed", "mm/s", 0.2, 10.0, 0.2)
+    # above it the scan halts and the probe yields
+    monitor_n: float = number(10.0, "Soft force limit", "N", 1.5, 30.0, 0.5, above=("force_n", 1.0))
+    # above it everything stops
+    stop_n: float = number(20.0, "Hard force limit", "N", 2.5, 50.0, 0.5, above=("monitor_n", 1.0))
 
     def __post_init__(self) -> None:
-        require_within("force_n", self.force_n, 0.5, 8.0)
-        require_within("period_ms", self.period_ms, 1.0, 50.0)
-        require_within("delay_ms", self.delay_ms, 0.0, 200.0)
-        require_within("lag_ms", self.lag_ms, 1.0, 200.0)
-        require_within("travel_mm", self.travel_mm, 1.0, 10.0)
-        require_within("approach_mm_per_s", self.approach_mm_per_s, 0.2, 10.0)
-        require_within("monitor_n", self.monitor_n, self.force_n + 1.0, 30.0)
-        require_within("stop_n", self.stop_n, self.monitor_n + 1.0, 50.0)
+        require_limits(self)
 
     @property
     def period_s(self) -> float:
@@ -156,20 +132,19 @@ class RobotSettings:
 
     model: str = "rx90"
     errors: bool = True  # systematic field, repeatability and orientation error
-    scan_speed_mm_per_s: float = 20.0
-    base_shift_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)  # from the default place
-    base_turn_deg: float = 0.0  # about the vertical
+    scan_speed_mm_per_s: float = number(20.0, "Scan speed", "mm/s", 0.5, 100.0, 1.0)
+    # from the default place
+    base_shift_mm: tuple[float, float, float] = number(
+        (0.0, 0.0, 0.0), "Base shift", "mm", -2000.0, 2000.0, 1.0
+    )
+    # about the vertical
+    base_turn_deg: float = number(0.0, "Base rotation", "deg", -180.0, 180.0, 1.0)
     contact: ContactSettings | None = ContactSettings()  # None: driven by position alone
-    latency_ms: float = 8.0  # by which joint angles arrive later than they were read
+    # by which joint angles arrive later than they were read
+    latency_ms: float = number(8.0, "Latency", "ms", 0.0, 100.0, 1.0)
 
     def __post_init__(self) -> None:
-        require_within("latency_ms", self.latency_ms, 0.0, 100.0)
-        require_within("scan_speed_mm_per_s", self.scan_speed_mm_per_s, 0.5, 100.0)
-        require(
-            all(abs(v) <= 2000.0 for v in self.base_shift_mm),
-            f"base_shift_mm must stay within 2000 mm, not {self.base_shift_mm}",
-        )
-        require_within("base_turn_deg", self.base_turn_deg, -180.0, 180.0)
+        require_limits(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,30 +158,26 @@ class ProbeSettings:
 
     name: ProbeName = "2.25MHz"
     excitation: Excitation = "chirp"
-    front_snr_db: float = 50.0  # front echo peak over in-band noise rms, perpendicular contact
-    pitch_mm: float = 1.0  # distance between A-scans along the path
-    centre_mhz: float | None = None
-    bandwidth: float | None = None  # full width at -6 dB over the centre frequency
-    aperture_mm: float | None = None  # diameter of the crystal
-    line_length_mm: float | None = None
-    pulse_shape: PulseShape | None = None
-    adc_bits: int | None = None
-    gain_db: float = 0.0  # of the receiver, over the one at which a front echo fills half its scale
-    line_temperature_c: float = ROOM_C  # that the line really has; its echo is timed for ROOM_C
+    # front echo peak over in-band noise rms, perpendicular contact
+    front_snr_db: float = number(50.0, "SNR", "dB", 0.0, 90.0, 1.0)
+    # distance between A-scans along the path
+    pitch_mm: float = number(1.0, "Pitch", "mm", 0.2, 10.0, 0.1)
+    # what a probe may be made of: the echo of its line comes before its record ends
+    centre_mhz: float | None = number(None, "Centre frequency", "MHz", 0.5, 5.0, 0.05)
+    # full width at -6 dB over the centre frequency
+    bandwidth: float | None = number(None, "Relative bandwidth", "", 0.2, 0.9, 0.02)
+    # diameter of the crystal
+    aperture_mm: float | None = number(None, "Element diameter", "mm", 3.0, 20.0, 0.1)
+    line_length_mm: float | None = number(None, "Delay line length", "mm", 8.0, 25.0, 0.5)
+    pulse_shape: PulseShape | None = limited(None, enum=get_args(PulseShape))
+    adc_bits: int | None = number(None, "ADC resolution", "bit", 6, 16, 1)
+    # of the receiver, over the one at which a front echo fills half its scale
+    gain_db: float = number(0.0, "Gain", "dB", -20.0, 40.0, 1.0)
+    # that the line really has; its echo is timed for ROOM_C
+    line_temperature_c: float = number(ROOM_C, "Line temperature", "°C", 10.0, 45.0, 1.0)
 
     def __post_init__(self) -> None:
-        require_within("front_snr_db", self.front_snr_db, 0.0, 90.0)
-        require_within("pitch_mm", self.pitch_mm, 0.2, 10.0)
-        for name, (low, high) in PROBE_LIMITS.items():
-            value = getattr(self, name)
-            if value is not None:
-                require_within(name, value, low, high)
-        if self.pulse_shape is not None:
-            shapes = get_args(PulseShape)
-            require(
-                self.pulse_shape in shapes,
-                f"pulse_shape must be one of {', '.join(shapes)}, not {self.pulse_shape!r}",
-            )
+        require_limits(self)
 
 
 @dataclass(frozen=True, slots=True)

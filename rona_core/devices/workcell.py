@@ -5,21 +5,27 @@ table. Table and head are given relative to the place of work, where the scanned
 See docs/algorithms/robot/collision.md.
 """
 
-import re
-from dataclasses import dataclass, replace
+from dataclasses import MISSING, dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
-from rona_core.devices.settings import STRICT, RobotSettings, require, require_within
+from rona_core.devices.limits import limited, number, require, require_limits
+from rona_core.devices.settings import STRICT, RobotSettings
 from rona_core.errors import NotFoundError
 from rona_core.geometry.pose import Pose
 
 Triple = tuple[float, float, float]
 FAR_MM = 5000.0  # no place of the room is farther from the robot
 MOST_BOXES = 20
+MOST_NAME = 40  # characters
 KNOWN = ("head", "table", "floor", "tracker", "tracker stand")  # names of what is there anyway
-PLAIN_NAME = re.compile(r"\w(?:[\w .()-]{0,38}[\w.)])?")  # nodes of the scene have it
+BOX_NAME = {  # nodes of the scene have it
+    "minLength": 1,
+    "maxLength": MOST_NAME,
+    "pattern": r"^\w(?:[\w .()-]*[\w.)])?$",
+    "rule": f"1 to {MOST_NAME} letters, digits and blanks, and not {', '.join(KNOWN)}",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,24 +34,15 @@ class RoomBox:
 
     __pydantic_config__: ClassVar = STRICT
 
-    name: str
-    center_mm: Triple  # its middle, in the room
-    size_mm: Triple  # along its own x, y and z
-    turn_deg: float = 0.0  # about the vertical
+    name: str = limited(**BOX_NAME)
+    center_mm: Triple = number(MISSING, "Centre", "mm", -FAR_MM, FAR_MM, 1.0)  # in the room
+    size_mm: Triple = number(MISSING, "Size", "mm", 1.0, FAR_MM, 1.0)  # along its own x, y and z
+    turn_deg: float = number(0.0, "Rotation", "deg", -180.0, 180.0, 5.0)  # about the vertical
 
     def __post_init__(self) -> None:
-        require(
-            bool(PLAIN_NAME.fullmatch(self.name)),
-            "an obstacle needs a name of 1 to 40 letters, digits and blanks, "
-            f"not {self.name[:60]!r}",
-        )
+        require_limits(self)
         taken = self.name.lower() in KNOWN
         require(not taken, f"{self.name!r} is there already: give the obstacle another name")
-        near = all(abs(part) <= FAR_MM for part in self.center_mm)
-        require(near, f"the middle of {self.name} must stay within {FAR_MM:g} mm of the robot")
-        sized = all(1.0 <= part <= FAR_MM for part in self.size_mm)
-        require(sized, f"the size of {self.name} must be 1 to {FAR_MM:g} mm, not {self.size_mm}")
-        require_within("turn_deg", self.turn_deg, -180.0, 180.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,28 +52,26 @@ class Surroundings:
     __pydantic_config__: ClassVar = STRICT
 
     table: bool = True
-    table_center_mm: Triple = (630.0, 0.0, -175.0)  # middle of the top, from the place of work
-    table_size_mm: Triple = (1500.0, 600.0, 60.0)  # along x, along y, thickness
-    floor_mm: float = 0.0  # height of the floor, or of the pedestal the robot stands on
-    head_below_mm: float = 90.0  # middle of the head below the place of work, until it is touched
-    stand_radius_mm: float = 120.0  # of the pole of the tracker with what hangs on it
-    head_margin_mm: float = 10.0  # of everything but the probe from the head
-    margin_mm: float = 20.0  # from everything else
-    self_margin_mm: float = 5.0  # between parts of the robot
-    boxes: tuple[RoomBox, ...] = ()  # what else stands in the room, by name
+    # middle of the top, from the place of work
+    table_center_mm: Triple = number((630.0, 0.0, -175.0), "Table top", "mm", -FAR_MM, FAR_MM, 1.0)
+    # along x, along y, thickness
+    table_size_mm: Triple = number((1500.0, 600.0, 60.0), "Table size", "mm", 1.0, FAR_MM, 1.0)
+    # height of the floor, or of the pedestal the robot stands on
+    floor_mm: float = number(0.0, "Floor height", "mm", -FAR_MM, FAR_MM, 10.0)
+    # middle of the head below the place of work, until it is touched
+    head_below_mm: float = number(90.0, "Head depth", "mm", -500.0, 500.0, 5.0)
+    # of the pole of the tracker with what hangs on it
+    stand_radius_mm: float = number(120.0, "Tracker stand", "mm", 10.0, 1000.0, 10.0)
+    # of everything but the probe from the head
+    head_margin_mm: float = number(10.0, "Head clearance", "mm", 0.0, 200.0, 1.0)
+    margin_mm: float = number(20.0, "Obstacle clearance", "mm", 0.0, 200.0, 1.0)
+    # between parts of the robot
+    self_margin_mm: float = number(5.0, "Self-clearance", "mm", 0.0, 50.0, 1.0)
+    # what else stands in the room, by name
+    boxes: tuple[RoomBox, ...] = limited((), maxItems=MOST_BOXES)
 
     def __post_init__(self) -> None:
-        near = all(abs(part) <= FAR_MM for part in self.table_center_mm)
-        require(near, f"table_center_mm must stay within {FAR_MM:g}, not {self.table_center_mm}")
-        sized = all(1.0 <= part <= FAR_MM for part in self.table_size_mm)
-        require(sized, f"table_size_mm must be 1 to {FAR_MM:g} mm, not {self.table_size_mm}")
-        require_within("floor_mm", self.floor_mm, -FAR_MM, FAR_MM)
-        require_within("head_below_mm", self.head_below_mm, -500.0, 500.0)
-        require_within("stand_radius_mm", self.stand_radius_mm, 10.0, 1000.0)
-        require_within("head_margin_mm", self.head_margin_mm, 0.0, 200.0)
-        require_within("margin_mm", self.margin_mm, 0.0, 200.0)
-        require_within("self_margin_mm", self.self_margin_mm, 0.0, 50.0)
-        require(len(self.boxes) <= MOST_BOXES, f"at most {MOST_BOXES} obstacles, please")
+        require_limits(self)
         names = [box.name for box in self.boxes]
         require(len(set(names)) == len(names), f"obstacles need names of their own: {names}")
 

@@ -1,33 +1,12 @@
 """World settings: how far patient and devices are from what a laboratory is told of them."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from rona_core.devices.settings import STRICT, require_within
+from rona_core.devices.limits import number, require_limits
+from rona_core.devices.settings import STRICT
 
 WorldProfile = Literal["nominal", "realistic", "hard"]
-
-# what each quantity may be set to; ``docs/world.md`` explains each
-WORLD_LIMITS: Mapping[str, tuple[float, float]] = {
-    "bone_loss": (0.5, 2.0),
-    "bone_speed": (0.85, 1.15),
-    "outer_texture_mm": (0.0, 0.3),
-    "gel_speed_mm_per_us": (1.4, 1.7),
-    "film_mm": (0.0, 0.5),
-    "line_excess_k": (-15.0, 25.0),
-    "line_drift_k": (-10.0, 10.0),
-    "line_strain_share": (-0.5, 0.5),
-    "pulse_loss": (0.0, 0.3),
-    "mounting_mm": (0.0, 2.0),
-    "mounting_deg": (0.0, 5.0),
-    "spindle_mm": (0.0, 2.0),
-    "friction": (0.0, 0.5),
-    "robot_mm": (0.0, 2.0),
-    "tracker_share": (0.0, 2.0),
-    "head_drift_mm": (0.0, 2.0),
-    "breathing_mm": (0.0, 0.5),
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,35 +15,49 @@ class WorldSettings:
 
     ``nominal``: all is as it is told. ``realistic`` and ``hard``: each quantity is drawn from the
     seed, as published spreads have it or at their far end. A quantity that is not None is as it is
-    set. Nothing of this is known to what plans, calibrates or detects.
+    set. Nothing of this is known to what plans, calibrates or detects. ``docs/world.md`` explains
+    each.
     """
 
     __pydantic_config__: ClassVar = STRICT
 
     profile: WorldProfile = "realistic"
-    bone_loss: float | None = None  # attenuation of bone over its published mean
-    bone_speed: float | None = None  # of sound in the bone of all patients, over the nominal one
-    outer_texture_mm: float | None = None  # RMS of the small unevenness of the outer table
-    gel_speed_mm_per_us: float | None = None
-    film_mm: float | None = None  # of gel that remains under the pressed face
-    line_excess_k: float | None = None  # line's temperature over the one that is told
-    line_drift_k: float | None = None  # by which it then warms in the course of a capture
-    line_strain_share: float | None = None  # relative change of its speed per strain
-    pulse_loss: float | None = None  # share of its centre frequency that an old probe has lost
-    mounting_mm: float | None = None  # how far the robot's probe sits off its place
-    mounting_deg: float | None = None  # and is turned
-    spindle_mm: float | None = None  # how far the spindle's tip sits off its place
-    friction: float | None = None  # coefficient between face and bone
-    robot_mm: float | None = None  # 3D RMS of the robot's systematic error
-    tracker_share: float | None = None  # error of the tracker over what its maker states
-    head_drift_mm: float | None = None  # by which the head creeps in its clamp
-    breathing_mm: float | None = None  # amplitude with which it moves to and fro
+    # attenuation of bone over its published mean
+    bone_loss: float | None = number(None, "Bone attenuation", "", 0.5, 2.0, 0.05)
+    # of sound in the bone of all patients, over the nominal one
+    bone_speed: float | None = number(None, "Bone speed of sound", "", 0.85, 1.15, 0.01)
+    # RMS of the small unevenness of the outer table
+    outer_texture_mm: float | None = number(None, "Outer texture", "mm", 0.0, 0.3, 0.01)
+    gel_speed_mm_per_us: float | None = number(None, "Gel speed of sound", "mm/µs", 1.4, 1.7, 0.01)
+    # of gel that remains under the pressed face
+    film_mm: float | None = number(None, "Gel film", "mm", 0.0, 0.5, 0.01)
+    # line's temperature over the one that is told
+    line_excess_k: float | None = number(None, "Line excess temperature", "K", -15.0, 25.0, 1.0)
+    # by which it then warms in the course of a capture
+    line_drift_k: float | None = number(None, "Line temperature drift", "K", -10.0, 10.0, 1.0)
+    # relative change of its speed per strain
+    line_strain_share: float | None = number(None, "Speed change per strain", "", -0.5, 0.5, 0.05)
+    # share of its centre frequency that an old probe has lost
+    pulse_loss: float | None = number(None, "Centre frequency loss", "", 0.0, 0.3, 0.01)
+    # how far the robot's probe sits off its place
+    mounting_mm: float | None = number(None, "Probe mounting offset", "mm", 0.0, 2.0, 0.1)
+    # and is turned
+    mounting_deg: float | None = number(None, "Probe mounting tilt", "deg", 0.0, 5.0, 0.1)
+    # how far the spindle's tip sits off its place
+    spindle_mm: float | None = number(None, "Spindle offset", "mm", 0.0, 2.0, 0.1)
+    # coefficient between face and bone
+    friction: float | None = number(None, "Friction coefficient", "", 0.0, 0.5, 0.05)
+    # 3D RMS of the robot's systematic error
+    robot_mm: float | None = number(None, "Robot error", "mm", 0.0, 2.0, 0.1)
+    # error of the tracker over what its maker states
+    tracker_share: float | None = number(None, "Tracker error factor", "", 0.0, 2.0, 0.1)
+    # by which the head creeps in its clamp
+    head_drift_mm: float | None = number(None, "Head drift", "mm", 0.0, 2.0, 0.1)
+    # amplitude with which it moves to and fro
+    breathing_mm: float | None = number(None, "Breathing amplitude", "mm", 0.0, 0.5, 0.05)
 
     def __post_init__(self) -> None:
-        for name, (low, high) in WORLD_LIMITS.items():
-            value = getattr(self, name)
-            if value is not None:
-                require_within(name, value, low, high)
+        require_limits(self)
 
 
 NOMINAL_WORLD = WorldSettings("nominal")

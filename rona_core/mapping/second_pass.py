@@ -18,7 +18,7 @@ from scipy.ndimage import (
     map_coordinates,
 )
 
-from rona_core.devices.settings import require, require_within
+from rona_core.devices.limits import limited, require, require_limits
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Poses
@@ -43,14 +43,14 @@ FAN = ((0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
 class SecondPassSettings:
     """How the gaps of the inner map are scanned again."""
 
-    spacing_mm: float = 2.0  # between rows
-    fan: float = 0.10  # change of the assumed slope of the inner table from row to row
-    largest_lean_deg: float = 6.0  # of the probe from the normal: more breaks its contact
+    spacing_mm: float = limited(2.0, minimum=0.5, maximum=5.0)  # between rows
+    # change of the assumed slope of the inner table from row to row
+    fan: float = limited(0.10, minimum=0.0, maximum=0.5)
+    # of the probe from the normal: more breaks its contact
+    largest_lean_deg: float = limited(6.0, minimum=0.5, maximum=15.0)
 
     def __post_init__(self) -> None:
-        require_within("spacing_mm", self.spacing_mm, 0.5, 5.0)
-        require_within("fan", self.fan, 0.0, 0.5)
-        require_within("largest_lean_deg", self.largest_lean_deg, 0.5, 15.0)
+        require_limits(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

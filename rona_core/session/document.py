@@ -11,7 +11,8 @@ from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.calibration.handheld.pointer import PointerCalibration
 from rona_core.calibration.handheld.tracked_probe import SonoCalibration
 from rona_core.calibration.surface_registration import SurfaceRegistration
-from rona_core.devices.settings import DeviceSettings, require, require_within
+from rona_core.devices.limits import PLACE, limited, number, require, require_limits
+from rona_core.devices.settings import DeviceSettings
 from rona_core.devices.workcell import Surroundings
 from rona_core.devices.world_settings import WorldSettings
 from rona_core.geometry.arrays import Floats
@@ -44,38 +45,35 @@ from rona_core.ultrasound.detection.detect import Detection
 from rona_core.ultrasound.detection.manual_corrections import BoundaryEdits
 
 T = TypeVar("T")
-MAX_SEED = 2**31 - 1
+SEED = {"minimum": 0, "maximum": 2**31 - 1}  # one that all generators of random numbers take
 MAX_NAME = 200  # characters
-REGION_RADII_MM = (5.0, 45.0)  # smallest and largest
+TITLE = {  # what a session may be called
+    "minLength": 1,
+    "maxLength": 80,
+    "pattern": r"^[\s\S]*\S[\s\S]*$",
+    "rule": "1 to 80 characters, and not blanks alone",
+}
 PLAIN_ID = re.compile(r"(?!current$)[A-Za-z0-9_-]{1,64}")  # "current" stands for another one
-
-
-def require_seed(seed: int) -> None:
-    """Raise InvalidInputError unless ``seed`` is one that all generators of random numbers take."""
-    require(0 <= seed <= MAX_SEED, f"seed must be 0 to {MAX_SEED}, not {seed}")
 
 
 @dataclass(frozen=True, slots=True)
 class RegionChoice:
     """The disc to be scanned: its centre in coordinates of the specimen; None lets RONA choose."""
 
-    center_mesh_mm: tuple[float, float, float] | None = None
-    radius_mm: float = 25.0
+    center_mesh_mm: tuple[float, float, float] | None = limited(
+        None, **PLACE, rule="on the outer surface of the skull; null lets RONA choose"
+    )
+    radius_mm: float = number(25.0, "Region radius", "mm", 5.0, 45.0, 1.0)
 
     def __post_init__(self) -> None:
-        center = self.center_mesh_mm or (0.0,)
-        require(
-            all(abs(part) <= 1e5 for part in center),
-            f"center_mesh_mm must be numbers within 100 m, not {self.center_mesh_mm}",
-        )
-        require_within("radius_mm", self.radius_mm, *REGION_RADII_MM)
+        require_limits(self)
 
 
 @dataclass(frozen=True, slots=True)
 class Setup:
     """Step 1: what is scanned, with which devices, and the seed of all that is random."""
 
-    seed: int = 0
+    seed: int = limited(0, **SEED)
     specimen: SimulatedSkull | LoadedSkull = field(default_factory=SimulatedSkull)
     region: RegionChoice = field(default_factory=RegionChoice)
     bone: BoneChoice = field(default_factory=BoneChoice)
@@ -85,7 +83,7 @@ class Setup:
     world: WorldSettings = field(default_factory=WorldSettings)  # of the virtual devices
 
     def __post_init__(self) -> None:
-        require_seed(self.seed)
+        require_limits(self)
 
 
 @dataclass(frozen=True, slots=True)

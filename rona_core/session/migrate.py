@@ -2,7 +2,8 @@
 
 from typing import Any
 
-from rona_core.devices.world_settings import WORLD_LIMITS
+from rona_core.devices.limits import limits_of
+from rona_core.devices.world_settings import WorldSettings
 from rona_core.errors import SessionFormatError
 from rona_core.session.codec import digest
 from rona_core.session.digest_migration import with_present_digests
@@ -177,7 +178,7 @@ ADDED_IN_5: dict[str, dict[str, Any]] = {
         "world": {
             "$type": "WorldSettings",
             "profile": "nominal",
-            **dict.fromkeys(WORLD_LIMITS),
+            **dict.fromkeys(name for name in limits_of(WorldSettings) if name != "profile"),
         }
     },
 }

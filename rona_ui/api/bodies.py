@@ -6,9 +6,9 @@ The event loop answers Stop, so nothing that grows with a body is done in it.
 import asyncio
 import json
 import types
-from collections.abc import Callable, Coroutine, Iterator
+from collections.abc import Callable, Coroutine, Iterator, Mapping
 from dataclasses import fields, is_dataclass
-from typing import Annotated, Any, Literal, Union, cast, get_args, get_origin, get_type_hints
+from typing import Any, Literal, Union, cast, get_args, get_origin, get_type_hints
 
 from fastapi._compat import ModelField
 from fastapi.exceptions import RequestValidationError
@@ -19,7 +19,7 @@ from starlette.middleware.body_limit import MAX_BODY_SIZE_SCOPE_KEY
 from starlette.requests import Request
 from starlette.responses import Response
 
-from rona_core.app.messages.lengths import Length
+from rona_core.devices.limits import INNER, limits_of
 
 BODY_BYTES = 64 * 1024  # of a request whose route states nothing else
 NUMBER_BYTES = 26  # of a number with all its digits, sign, exponent, comma and blank
@@ -32,28 +32,27 @@ def body_bytes(kind: type) -> int:
     """Return how many bytes a body may have: 64 KB, or what its longest lists may need.
 
     Raises:
-        TypeError: a list of the message has no ``Length``.
+        TypeError: a list of the message has no ``maxItems``.
     """
-    return max(BODY_BYTES, _most_bytes(kind))
+    return max(BODY_BYTES, _most_bytes(kind, {}))
 
 
-def _most_bytes(hint: Any) -> int:
+def _most_bytes(hint: Any, words: Mapping[str, Any]) -> int:
+    """Return the most bytes that a value of a type needs, with the limits of its field."""
     origin, arguments = get_origin(hint), get_args(hint)
-    if origin is Annotated:
-        lengths = [part for part in arguments[1:] if isinstance(part, Length)]
-        if lengths:
-            return 4 + lengths[0].most * (2 + _most_bytes(get_args(arguments[0])[0]))
-        return _most_bytes(arguments[0])
     if origin in (Union, types.UnionType):
-        return max(map(_most_bytes, arguments))
+        return max(_most_bytes(part, words) for part in arguments)
+    if origin is tuple and Ellipsis in arguments:
+        if "maxItems" not in words:
+            raise TypeError(f"{hint}: state how long it may be, limited(maxItems=…)")
+        inner = words.get(INNER, {})
+        return 4 + words["maxItems"] * (2 + _most_bytes(arguments[0], inner))
     if origin is tuple:
-        if Ellipsis in arguments:
-            raise TypeError(f"{hint}: state how long it may be, Annotated[…, Length(least, most)]")
-        return 4 + sum(map(_most_bytes, arguments))
+        return 4 + sum(_most_bytes(part, {}) for part in arguments)
     if is_dataclass(hint):
-        hints = get_type_hints(hint, include_extras=True)
+        hints, limits = get_type_hints(hint), limits_of(hint)
         names = [field.name for field in fields(hint)]
-        return 4 + sum(len(name) + 6 + _most_bytes(hints[name]) for name in names)
+        return 4 + sum(len(name) + 6 + _most_bytes(hints[name], limits[name]) for name in names)
     if hint is str or origin is Literal:
         return TEXT_BYTES
     return COUNT_BYTES if hint is int else NUMBER_BYTES

@@ -80,6 +80,15 @@ class Registry:
         return tuple(self.lines)
 
     @property
+    def listed(self) -> tuple[str, ...]:
+        """Names of the steps whose captures and results are listed: together, that is all."""
+        return tuple(
+            step.name
+            for step in self.steps
+            if step.line is not None or (step.part_of is None and (step.captures or step.results))
+        )
+
+    @property
     def messages(self) -> dict[str, type]:
         """All public messages by name."""
         return {**self.command_types, **self.activity_types}

@@ -11,10 +11,10 @@ import typing
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache
 from numbers import Integral, Real
-from typing import Annotated, Any, Literal, Union, cast
+from typing import Any, Literal, Union, cast
 
 from rona_core.app.declarations.declarations import Message
-from rona_core.app.messages.lengths import Length
+from rona_core.devices.limits import INNER, limits_of
 from rona_core.devices.settings import hidden_characters
 from rona_core.errors import InvalidInputError
 
@@ -39,9 +39,7 @@ def misfits(value: object, hint: Any, path: Place = ()) -> Iterator[Misfit]:
         path: Where ``value`` stands.
     """
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
-    if origin is Annotated:
-        yield from _of_length(value, arguments, path)
-    elif origin in (Union, types.UnionType):
+    if origin in (Union, types.UnionType):
         tried = [tuple(misfits(value, option, path)) for option in arguments]
         if all(tried):  # the first option is meant, None is for what is left out
             yield from tried[0]
@@ -76,16 +74,17 @@ _SIMPLE: dict[Any, tuple[str, str, Callable[[object], bool]]] = {
 }
 
 
-def _of_length(value: object, arguments: tuple[Any, ...], path: Place) -> Iterator[Misfit]:
-    """Look at how long a list is first, then at its values."""
-    for limit in arguments[1:]:
-        if isinstance(limit, Length) and isinstance(value, list | tuple):
-            count = len(cast("list[object]", value))
-            if not limit.least <= count <= limit.most:
-                expected = f"{limit.least} to {limit.most} values, not {count}"
-                yield Misfit(path, "list_length", expected)
-                return
-    yield from misfits(value, arguments[0], path)
+def _of_length(value: object, words: Mapping[str, Any], path: Place) -> Iterator[Misfit]:
+    """Yield lists that are longer or shorter than their field may be."""
+    if not isinstance(value, list | tuple):
+        return
+    items = cast("list[object]", value)
+    least, most = words.get("minItems", 0), words.get("maxItems", len(items))
+    if not least <= len(items) <= most:
+        yield Misfit(path, "list_length", f"{least} to {most} values, not {len(items)}")
+        return
+    for number, item in enumerate(items if INNER in words else ()):
+        yield from _of_length(item, words[INNER], (*path, number))
 
 
 def _of_tuple(value: object, arguments: tuple[Any, ...], path: Place) -> Iterator[Misfit]:
@@ -105,7 +104,7 @@ def _of_tuple(value: object, arguments: tuple[Any, ...], path: Place) -> Iterato
 
 @cache
 def _hints(kind: type) -> dict[str, Any]:
-    hints = typing.get_type_hints(kind, include_extras=True)
+    hints = typing.get_type_hints(kind)
     return {field.name: hints[field.name] for field in dataclasses.fields(kind)}
 
 
@@ -121,8 +120,9 @@ def _of_fields(value: object, kind: type, path: Place) -> Iterator[Misfit]:
         hint = _hints(kind).get(name)
         if hint is None:
             yield Misfit((*path, name), "extra_forbidden", f"no such field of {kind.__name__}")
-        else:
-            yield from misfits(item, hint, (*path, name))
+            continue
+        lengths = tuple(_of_length(item, limits_of(kind)[name], (*path, name)))
+        yield from lengths or misfits(item, hint, (*path, name))
 
 
 def _of_text(value: object, path: Place) -> Iterator[Misfit]:

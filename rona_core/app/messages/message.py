@@ -7,17 +7,17 @@ from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, field, fields
 from typing import Any, TypeVar, dataclass_transform
 
-from rona_core.devices.settings import STRICT, require_within
+from rona_core.devices.limits import limited, require_limits
+from rona_core.devices.settings import STRICT
 from rona_core.session.captures import Capture
 
 T = TypeVar("T")
 Point = tuple[float, float, float]
-LIMITS = "limits"  # in the metadata of a field
 
 
-def within(low: float, high: float, *, default: Any = MISSING) -> Any:
+def within(low: float, high: float, *, default: Any = MISSING, **words: Any) -> Any:
     """Declare a field with limits, both allowed; in a tuple each value keeps them, None may be."""
-    return field(default=default, metadata={LIMITS: (low, high)})
+    return limited(default, minimum=low, maximum=high, **words)
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(field, within))
@@ -26,11 +26,7 @@ def message(kind: type[T]) -> type[T]:
     further: Callable[[T], None] | None = getattr(kind, "__post_init__", None)
 
     def check(self: T) -> None:
-        for part in fields(self):  # pyright: ignore[reportArgumentType]
-            value = getattr(self, part.name)
-            for one in value if isinstance(value, tuple) else (value,):
-                if one is not None and LIMITS in part.metadata:
-                    require_within(part.name, one, *part.metadata[LIMITS])
+        require_limits(self)
         if further is not None:
             further(self)
 

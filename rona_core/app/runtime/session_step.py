@@ -6,18 +6,15 @@ from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext
 from rona_core.app.messages.message import Answer, message
 from rona_core.app.runtime.recompute import replay_report
-from rona_core.devices.settings import require
-from rona_core.session.document import Session
+from rona_core.devices.limits import limited
+from rona_core.session.document import TITLE, Session
 
 
 @message
 class RenameSession:
     """Give the session another name."""
 
-    name: str
-
-    def __post_init__(self) -> None:
-        require(0 < len(self.name.strip()) <= 80, "name must have 1 to 80 characters")
+    name: str = limited(**TITLE)
 
 
 @message

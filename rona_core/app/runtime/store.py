@@ -96,7 +96,11 @@ class Change:
 class Store:
     """Holds one session. ``dispatch`` is the only way to change it."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(
+        self, session: Session, accept: Callable[[Session, Session], None] | None = None
+    ) -> None:
+        """Hold ``session``; ``accept(before, after)`` raises where a change must not count."""
+        self._accept = accept
         self._lock = threading.RLock()
         self._session = session
         self._undo: list[Session] = []
@@ -143,6 +147,8 @@ class Store:
                 self._undo.append(before)
             else:
                 after = handle(message, before)
+                if self._accept is not None:
+                    self._accept(before, after)
                 self._undo = [*self._undo[-UNDO_STEPS + 1 :], before]
                 self._redo.clear()
             entry = LogEntry(

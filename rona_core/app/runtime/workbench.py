@@ -53,6 +53,7 @@ class Services:
     rehearse: Rehearse | None = None  # a milling, on virtual bone
     predict: Callable[[Session], Figures] = _no_figures  # where no ground truth exists
     map_errors: Callable[[Session, Rig], MapErrors] | None = None  # None as with ``evaluate``
+    check_bone: Callable[[Setup], None] | None = None  # raises where no devices can be built
 
 
 def _keep_nothing(session: Session) -> None:
@@ -71,7 +72,7 @@ class Workbench:
     ) -> None:
         """Open ``session``; ``keep`` makes sure that a copy holds it, before a change counts."""
         use_one_thread()
-        self.store = Store(session)
+        self.store = Store(session, self._accept)
         self.live = Live()
         self.jobs = Jobs()
         self.uploads = uploads
@@ -123,6 +124,13 @@ class Workbench:
             self._release()
             raise DeviceError("the session is closed, and its devices with it")
         return held
+
+    def _accept(self, before: Session, after: Session) -> None:
+        """Refuse a region that is off the bone now, not when the devices are built for a step."""
+        check, old, new = self._services.check_bone, before.setup, after.setup
+        same = old.specimen is new.specimen and old.seed == new.seed and old.region == new.region
+        if check is not None and not same:
+            check(new)
 
     def dispatch(self, command: Message) -> Change:
         """Change the session by a public command, and keep that; errors as in `Store.dispatch`."""

@@ -5,39 +5,40 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rona_core.devices.settings import RobotSettings, require
+from rona_core.devices.limits import limited, require_limits
+from rona_core.devices.settings import RobotSettings
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Pose
 from rona_core.robot.redundancy.margins import MarginLimits
 
 FARTHEST_MM = 2000.0  # settings of the robot allow no more
+MAX_PLACES = 2000  # that a session looks at
+FEW = f"at most {MAX_PLACES} places: across, along and by height, `step_mm` apart"
 
 
 @dataclass(frozen=True, slots=True)
 class BaseSearch:
     """Where to look for a place of the base, and how closely."""
 
-    half_x_mm: float = 500.0  # to either side of where the base stands
-    half_y_mm: float = 600.0
-    step_mm: float = 100.0
-    levels_mm: tuple[float, ...] = (0.0,)  # heights to try, from where the base stands
-    keep_off_mm: float = 350.0  # least level distance of the base from the middle of the path
-    n_points: int = 60  # of the path that are looked at when screening
-    n_rolls: int = 36
-    reserve: float = 0.05  # room that another place must have: calibrated anew, the path is another
+    # to either side of where the base stands
+    half_x_mm: float = limited(500.0, minimum=0.0, maximum=FARTHEST_MM, rule=FEW)
+    half_y_mm: float = limited(600.0, minimum=0.0, maximum=FARTHEST_MM, rule=FEW)
+    step_mm: float = limited(100.0, minimum=10.0, maximum=500.0, rule=FEW)
+    # heights to try, from where the base stands
+    levels_mm: tuple[float, ...] = limited(
+        (0.0,), minimum=-1000.0, maximum=1000.0, minItems=1, maxItems=20, rule=FEW
+    )
+    # least level distance of the base from the middle of the path
+    keep_off_mm: float = limited(350.0, minimum=0.0, maximum=FARTHEST_MM)
+    n_points: int = limited(60, minimum=2, maximum=2000)  # of the path, looked at when screening
+    n_rolls: int = limited(36, minimum=1, maximum=360)
+    # room that another place must have: calibrated anew, the path is another
+    reserve: float = limited(0.05, minimum=0.0, maximum=2.0)
     margin_limits: MarginLimits = field(default_factory=MarginLimits)
 
     def __post_init__(self) -> None:
-        for name in ("half_x_mm", "half_y_mm"):
-            value = getattr(self, name)
-            require(0.0 <= value <= FARTHEST_MM, f"{name} must be 0 to 2000, not {value}")
-        require(10.0 <= self.step_mm <= 500.0, f"step_mm must be 10 to 500, not {self.step_mm}")
-        require(len(self.levels_mm) > 0, "levels_mm needs at least one height")
-        require(0.0 <= self.reserve <= 2.0, f"reserve must be 0 to 2, not {self.reserve}")
-        require(self.keep_off_mm >= 0.0, "keep_off_mm must not be negative")
-        require(2 <= self.n_points <= 2000, f"n_points must be 2 to 2000, not {self.n_points}")
-        require(1 <= self.n_rolls <= 360, f"n_rolls must be 1 to 360, not {self.n_rolls}")
+        require_limits(self)
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,13 @@ from typing import Annotated, ClassVar
 
 from fastapi import APIRouter, Body
 
-from rona_core.devices.settings import STRICT, require
+from rona_core.devices.limits import (
+    UNIT_QUATERNION,
+    limited,
+    require_limits,
+    require_unit,
+)
+from rona_core.devices.settings import STRICT
 from rona_ui.api.bodies import BodyRoute
 from rona_ui.api.context import EXACT, Bench
 
@@ -19,11 +25,11 @@ class PointerTurn:
     """Rotation of the pointer about its tip, relative to the start, along the axes of the base."""
 
     __pydantic_config__: ClassVar = STRICT
-    wxyz: tuple[float, float, float, float]
+    wxyz: tuple[float, float, float, float] = limited(**UNIT_QUATERNION)
 
     def __post_init__(self) -> None:
-        length = sum(part * part for part in self.wxyz) ** 0.5
-        require(abs(length - 1.0) <= 1e-3, f"wxyz must have length 1, not {length:.4g}")
+        require_limits(self)
+        require_unit("wxyz", self.wxyz)
 
 
 @dataclass(frozen=True, slots=True)

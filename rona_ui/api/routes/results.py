@@ -84,7 +84,8 @@ def get_results(bench: Bench, step: str, max_points: MaxPoints = None) -> FastJs
     address. `value` is null while there is nothing. How sure the maps are stands in
     `accuracy` (of the scan by hand: `sono_accuracy`): standard deviations over their grid.
     `reference_gain` proposes places for a caliper and says what they gain; `verification` of the
-    scan tells whether tracker, pointer and robot agree on the landmarks.
+    scan tells whether tracker, pointer and robot agree on the landmarks. `acoustics`, beside the
+    steps of the procedure, has the delay line, the speed of sound and what other probes would do.
     """
     _require_step(step)
     content = {name: make(bench.session, step) for name, make in PARTS.items()}
@@ -106,10 +107,8 @@ def get_array(bench: Bench, step: str, at: Pointer) -> Response:
 
 
 def _require_step(step: str) -> None:
-    if step not in REGISTRY.step_names:
-        raise NotFoundError(
-            f"there is no step {step!r}: it is one of {', '.join(REGISTRY.step_names)}"
-        )
+    if step not in REGISTRY.listed:
+        raise NotFoundError(f"there is no step {step!r}: it is one of {', '.join(REGISTRY.listed)}")
 
 
 def _capture(name: str, session: Session) -> dict[str, Any]:

@@ -8,12 +8,13 @@ from fastapi import APIRouter, Request, Response
 from starlette.concurrency import run_in_threadpool
 
 from rona_core.app.runtime.saving.export_captures import export_recording
-from rona_core.app.runtime.saving.session_files import MAX_UPLOAD_BYTES
+from rona_core.app.runtime.saving.session_files import FILE_NAME, MAX_UPLOAD_BYTES
 from rona_core.app.runtime.session_registry import SessionRegistry
 from rona_core.app.runtime.workbench import Workbench
-from rona_core.devices.settings import STRICT, require
+from rona_core.devices.limits import limited, require_limits
+from rona_core.devices.settings import STRICT
 from rona_core.errors import NotFoundError
-from rona_core.session.document import require_seed
+from rona_core.session.document import SEED, TITLE
 from rona_core.session.files import SUFFIX, session_bytes
 from rona_ui.api.bodies import BodyRoute
 from rona_ui.api.context import EXACT, PREFIX, Bench, SessionId, Sessions
@@ -25,6 +26,7 @@ from rona_ui.resources import demo_session
 router = APIRouter(route_class=BodyRoute, tags=["session"])
 files = APIRouter(route_class=BodyRoute, tags=["files"])
 
+SESSION_FILE = {**FILE_NAME, "maxLength": 120}
 FILE: dict[int | str, dict[str, Any]] = {
     200: {"content": {"application/octet-stream": {}}, "description": "The file"}
 }
@@ -43,12 +45,11 @@ class NewSession:
     """Name and seed of a session to be made."""
 
     __pydantic_config__: ClassVar = STRICT
-    name: str = "untitled"
-    seed: int = 0
+    name: str = limited("untitled", **TITLE)
+    seed: int = limited(0, **SEED)
 
     def __post_init__(self) -> None:
-        require(0 < len(self.name.strip()) <= 80, "name must have 1 to 80 characters")
-        require_seed(self.seed)
+        require_limits(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,10 +57,10 @@ class FileToOpen:
     """Name of a file in the sessions folder."""
 
     __pydantic_config__: ClassVar = STRICT
-    file: str
+    file: str = limited(**SESSION_FILE)
 
     def __post_init__(self) -> None:
-        require(0 < len(self.file) <= 120, "file must have 1 to 120 characters")
+        require_limits(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,11 +72,11 @@ class FileToSave:
     """
 
     __pydantic_config__: ClassVar = STRICT
-    file: str | None = None
+    file: str | None = limited(None, **SESSION_FILE)
     replace: bool = False
 
     def __post_init__(self) -> None:
-        require(self.file is None or 0 < len(self.file) <= 120, "file must be up to 120 characters")
+        require_limits(self)
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,9 +11,16 @@ from starlette.concurrency import run_in_threadpool
 
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.setup.messages import SetToolVisible, SetTracker
+from rona_core.devices.limits import (
+    PLACE,
+    UNIT_QUATERNION,
+    limited,
+    require_limits,
+    require_unit,
+)
 from rona_core.devices.live import LiveTracker, live_tracker_of
 from rona_core.devices.samples import TrackerFrame
-from rona_core.devices.settings import STRICT, TOOLS, TrackerSettings, require
+from rona_core.devices.settings import STRICT, TOOLS, TrackerSettings
 from rona_core.errors import DeviceError, NotFoundError, RonaError
 from rona_core.geometry.pose import Pose
 from rona_ui.api.bodies import BodyRoute
@@ -41,16 +48,12 @@ class ToolPose:
     """Pose of a tool's marker in the frame of the tracker."""
 
     __pydantic_config__: ClassVar = STRICT
-    wxyz: tuple[float, float, float, float]
-    translation_mm: tuple[float, float, float]
+    wxyz: tuple[float, float, float, float] = limited(**UNIT_QUATERNION)
+    translation_mm: tuple[float, float, float] = limited(**PLACE)
 
     def __post_init__(self) -> None:
-        length = sum(part * part for part in self.wxyz) ** 0.5
-        require(abs(length - 1.0) <= 1e-3, f"wxyz must have length 1, not {length:.4g}")
-        require(
-            all(abs(part) <= 1e5 for part in self.translation_mm),
-            "translation_mm must stay within 100 m",
-        )
+        require_limits(self)
+        require_unit("wxyz", self.wxyz)
 
 
 @dataclass(frozen=True, slots=True)

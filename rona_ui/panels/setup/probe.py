@@ -18,7 +18,8 @@ from rona_core.app.steps.acoustics.view import (
 )
 from rona_core.app.steps.boundaries.probe_advice import THICK_MM, THIN_MM, probe_advice
 from rona_core.app.steps.setup.messages import SetProbe
-from rona_core.devices.settings import PROBE_LIMITS, Excitation, ProbeName, ProbeSettings
+from rona_core.devices.limits import range_of
+from rona_core.devices.settings import Excitation, ProbeName, ProbeSettings
 from rona_core.session.document import Session
 from rona_core.session.specimen import BoneKind
 from rona_ui.panels.widgets import style
@@ -68,9 +69,11 @@ class ProbeFields:
         form = self._form
         first = probe_values(ProbeSettings())
         for name, label, step, *hint in DETAILS:
-            form.number(name, label, float(first[name]), *PROBE_LIMITS[name], step, *hint)
+            form.number(
+                name, label, float(first[name]), *range_of(ProbeSettings, name), step, *hint
+            )
         form.choice("pulse_shape", "Pulse", SHAPES, "resonant", "As measured on a block")
-        limits = PROBE_LIMITS["line_temperature_c"]
+        limits = range_of(ProbeSettings, "line_temperature_c")
         form.number("line_temperature_c", "Line temperature (°C)", 22.0, *limits, 1.0, WARM)
         self._restore = self._context.send_button(
             self._gui, "Restore probe defaults", "restore", lambda: SetProbe(**form.values(*CHOICE))

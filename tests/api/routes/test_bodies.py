@@ -2,13 +2,14 @@
 
 import json
 import socket
-from typing import Annotated, Literal, get_args, get_origin, get_type_hints
+from dataclasses import dataclass
+from typing import Literal, get_args, get_origin, get_type_hints
 
 import pytest
 
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.messages.lengths import Length
 from rona_core.app.runtime.saving.session_files import MAX_UPLOAD_BYTES
+from rona_core.devices.limits import INNER, limits_of
 from rona_ui.api.bodies import BODY_BYTES, body_bytes, parsed
 from rona_ui.api.problems import MOST_ERRORS
 from rona_ui.server import PREFIX
@@ -70,52 +71,50 @@ def test_a_body_without_a_length_is_cut_off_at_the_limit(client, session, method
     assert (answer.status_code, answer.json()["code"]) == (413, "too_large")
 
 
-def longest(hint):
+def longest(hint, words):
     """Return a value with lists as long as they may be, of the longest numbers and names."""
     origin, arguments = get_origin(hint), get_args(hint)
-    if origin is Annotated:
-        return [longest(get_args(arguments[0])[0])] * arguments[1].most
+    if origin is tuple and Ellipsis in arguments:
+        return [longest(arguments[0], words.get(INNER, {}))] * words["maxItems"]
     if origin is tuple:
-        return [longest(part) for part in arguments]
+        return [longest(part, {}) for part in arguments]
     if origin is Literal:
         return max(arguments, key=len)
     if arguments:  # a union
-        return max((longest(part) for part in arguments), key=lambda v: len(json.dumps(v)))
+        return max((longest(part, words) for part in arguments), key=lambda v: len(json.dumps(v)))
     return {float: -1.2345678901234567e-300, int: 10**9 - 1, str: "n" * 240}.get(hint)
 
 
 @pytest.mark.parametrize("kind", MESSAGES.values(), ids=MESSAGES)
 def test_the_longest_body_of_a_message_fits_its_route(kind):
-    hints = get_type_hints(kind, include_extras=True)
-    body = {name: longest(hint) for name, hint in hints.items() if not name.startswith("_")}
+    limits = limits_of(kind)
+    hints = get_type_hints(kind)
+    body = {name: longest(hints[name], words) for name, words in limits.items()}
     assert len(json.dumps(body)) <= body_bytes(kind)
 
 
-def lists(hint, path=()):
-    """Yield the path and the bound of every list in an annotation."""
+def lists(hint, words, path=()):
+    """Yield the path of every list in an annotation, and how long it may be."""
     origin, arguments = get_origin(hint), get_args(hint)
-    if origin is Annotated:
-        item = get_args(arguments[0])[0]
-        yield path, arguments[1]
-        yield from lists(item, (*path, 0))
-    elif origin is tuple:
-        assert Ellipsis not in arguments, "a list without Length"
-    else:
+    if origin is tuple and Ellipsis in arguments:
+        yield path, (words.get("minItems", 0), words["maxItems"])
+        yield from lists(arguments[0], words.get(INNER, {}), (*path, 0))
+    elif origin is not tuple:
         for part in arguments:
-            yield from lists(part, path) if get_origin(part) else ()
+            yield from lists(part, words, path)
 
 
 BOUNDED = [
     (name, field, *found)
     for name, kind in MESSAGES.items()
-    for field, hint in get_type_hints(kind, include_extras=True).items()
-    for found in lists(hint)
+    for field, words in limits_of(kind).items()
+    for found in lists(get_type_hints(kind)[field], words)
 ]
 
 
 @pytest.mark.parametrize(("name", "field", "path", "length"), BOUNDED)
 def test_a_list_is_counted_before_its_values_are_looked_at(at, name, field, path, length):
-    value = [None] * (length.most + 1)
+    value = [None] * (length[1] + 1)
     for _ in path:
         value = [value]
     for kind in ("commands", "jobs"):
@@ -124,7 +123,7 @@ def test_a_list_is_counted_before_its_values_are_looked_at(at, name, field, path
             break
     errors = [one for one in answer.json()["errors"] if one["pointer"].startswith(f"/{field}")]
     pointer = "/" + "/".join(map(str, (field, *path)))
-    detail = f"expected {length.least} to {length.most} values, not {length.most + 1}"
+    detail = f"expected {length[0]} to {length[1]} values, not {length[1] + 1}"
     assert errors == [{"pointer": pointer, "detail": detail, "code": "list_length"}]
 
 
@@ -134,12 +133,17 @@ def test_the_length_of_a_list_stands_in_the_schema(client, name, field, path, le
     part = schema["properties"][field]
     for _ in path:
         part = part["items"]
-    assert (part.get("minItems", 0), part["maxItems"]) == (length.least, length.most)
+    assert (part.get("minItems", 0), part["maxItems"]) == length
 
 
-def test_every_list_has_a_length():
+def test_a_list_without_a_length_is_refused_when_the_program_starts():
+    @dataclass(frozen=True)
+    class Endless:
+        points: tuple[float, ...] = ()
+
     assert len(BOUNDED) >= 18
-    assert {type(length) for *_, length in BOUNDED} == {Length}
+    with pytest.raises(TypeError, match="state how long it may be"):
+        body_bytes(Endless)
 
 
 @EACH_ROUTE

@@ -85,7 +85,7 @@ def test_what_cannot_be_left_out_is_refused_by_name(bench):
     with pytest.raises(InvalidInputError, match="needs at least"):
         bench.dispatch(ExcludePoses("pointer", rows))
     assert bench.session is held
-    with pytest.raises(InvalidInputError, match="numbered from 0"):
+    with pytest.raises(InvalidInputError, match="indices must be 0 to"):
         ExcludePoses("tool", (-1,))
     with pytest.raises(InvalidInputError, match="once only"):
         ExcludePoses("tool", (3, 3))

@@ -2,7 +2,7 @@
 
 import dataclasses
 from types import NoneType, UnionType
-from typing import Annotated, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 import pytest
@@ -14,6 +14,7 @@ from rona_core.app.runtime.session_step import RenameSession
 from rona_core.app.steps.setup.messages import SetSeed, SetTracker, StartSkullImport
 from rona_core.app.steps.tool.messages import StartRobotMove
 from rona_core.compose import build_registry, new_workbench
+from rona_core.devices.limits import INNER, limits_of
 from rona_core.devices.settings import hidden_characters
 from rona_core.errors import InvalidInputError
 from rona_core.session.document import Session
@@ -35,33 +36,35 @@ WRONG = {
 FITS = {int: [1], float: [1, 1.5], bool: [True, False], str: ["1"]}
 
 
-def values(hint):
-    """Return values that fit an annotation, and pairs of a wrong value and where it is wrong."""
+def values(hint, words):
+    """Return values that fit a field, and pairs of a wrong value and where it is wrong.
+
+    ``words`` are the limits that the field was declared with; those of lists count here.
+    """
     origin, arguments = get_origin(hint), get_args(hint)
-    if origin is Annotated:
-        (fits, wrong), length = values(arguments[0]), arguments[1]
-        good = next(value for value in fits if value)
-        long = [good[0]] * (length.most + 1)
-        short = [[]] if length.least else []
-        return [v for v in fits if v not in short], [*wrong, *((v, ()) for v in (long, *short))]
     if origin in (Union, UnionType):
         kept = [option for option in arguments if option is not NoneType]
         assert len(kept) == 1, "a field with several kinds needs a rule"
-        fits, wrong = values(kept[0])
+        fits, wrong = values(kept[0], words)
         return [None, *fits], wrong
     if origin is Literal:
         return list(arguments), [(value, ()) for value in (1, True, None, "no such choice", [])]
     if origin is tuple:
         endless = arguments[-1] is Ellipsis
         kinds = arguments[:1] if endless else arguments
-        inside = [values(kind) for kind in kinds]
+        inside = [values(kind, words.get(INNER, {})) for kind in kinds]
         good = [fits[0] for fits, _ in inside]
         wrong = [(value, ()) for value in ("1", 1, {}, True, None)]
         wrong += [] if endless else [([*good, good[0]], ()), (good[1:], ())]
         for place, (_, bad) in enumerate(inside):
             for value, deeper in bad:
                 wrong.append(([*good[:place], value, *good[place + 1 :]], (place, *deeper)))
-        return [good, tuple(good)] + ([[], good * 3] if endless else []), wrong
+        fits = [good, tuple(good)] + ([[], good * 3] if endless else [])
+        if endless:
+            least, most = words.get("minItems", 0), words["maxItems"]
+            wrong += [(good * (most + 1), ())] + ([(good * (least - 1), ())] if least else [])
+            fits = [value for value in fits if least <= len(value) <= most]
+        return fits, wrong
     return FITS[hint], [(value, ()) for value in (*WRONG[hint], None)]
 
 
@@ -69,7 +72,7 @@ def cases():
     """Return (message, field, annotation) for every field of every message."""
     found = []
     for name, kind in MESSAGES.items():
-        hints = get_type_hints(kind, include_extras=True)
+        hints = get_type_hints(kind)
         for field in dataclasses.fields(kind):
             where = f"{name}.{field.name}"
             found.append(pytest.param(kind, field.name, hints[field.name], id=where))
@@ -78,7 +81,7 @@ def cases():
 
 @pytest.mark.parametrize(("kind", "field", "hint"), cases())
 def test_a_field_takes_its_type_and_nothing_else(kind, field, hint):
-    fits, wrong = values(hint)
+    fits, wrong = values(hint, limits_of(kind)[field])
     optional = None in fits
     for value in fits:
         assert list(misfits({field: value}, kind)) == [], value
@@ -91,13 +94,13 @@ def test_a_field_takes_its_type_and_nothing_else(kind, field, hint):
 
 @pytest.mark.parametrize(("kind", "field", "hint"), cases())
 def test_python_is_refused_the_same(kind, field, hint):
-    fits, wrong = values(hint)
+    fits, wrong = values(hint, limits_of(kind)[field])
     for value, _ in wrong:
         if value is None and None in fits:
             continue
         message = object.__new__(kind)  # its own check may refuse it sooner, with fewer words
         for other in dataclasses.fields(kind):
-            good = values(get_type_hints(kind)[other.name])[0][0]
+            good = values(get_type_hints(kind)[other.name], limits_of(kind)[other.name])[0][0]
             object.__setattr__(message, other.name, value if other.name == field else good)
         with pytest.raises(InvalidInputError, match=f"{kind.__name__} /{field}"):
             require_exact(message)

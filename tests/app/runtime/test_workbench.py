@@ -14,15 +14,18 @@ from rona_core.app.steps.tool.messages import StartRobotMove, StartToolCapture
 from rona_core.compose import build_registry, new_workbench, virtual_services
 from rona_core.errors import CancelledError, DeviceError, InvalidInputError, StepBlockedError
 from rona_core.session import members
-from rona_core.session.document import Session
+from rona_core.session.document import RegionChoice, Session
 from rona_ui.resources import demo_session
 
 
 def test_another_skull_is_read_although_the_present_set_up_cannot_be_built(tmp_path):
-    bench = new_workbench(Session(), tmp_path)
-    bench.dispatch(SetRegion((9e4, 0.0, 0.0)))
+    held = Session().with_setup(region=RegionChoice((9e4, 0.0, 0.0)))  # as an older file may
+    bench = new_workbench(held, tmp_path)
     with pytest.raises(InvalidInputError, match="centre"):
         bench.rig()
+    with pytest.raises(InvalidInputError, match="centre"):
+        bench.dispatch(SetRegion((8e4, 0.0, 0.0)))
+    assert bench.session is held
     (tmp_path / "bone.stl").write_bytes(b"no mesh")
     with pytest.raises(InvalidInputError, match=r"bone\.stl"):
         bench.run(StartSkullImport("bone.stl"))

@@ -136,7 +136,7 @@ def test_a_place_is_not_searched_nor_taken_before_there_is_a_path():
     [
         ({"step_mm": 1.0}, "step_mm"),
         ({"half_x_mm": -1.0}, "half_x_mm"),
-        ({"levels_mm": ()}, "at least one height"),
+        ({"levels_mm": ()}, "levels_mm must have 1 to 20"),
         ({"levels_mm": (5000.0,)}, "levels_mm"),
         ({"half_x_mm": 2000.0, "half_y_mm": 2000.0, "step_mm": 25.0}, "too many"),
     ],

@@ -238,7 +238,7 @@ def test_plain_names_only():
             StartRecordingImport(name)
         with pytest.raises(InvalidInputError, match="plain file name"):
             StartPivotImport(("ok.csv", name))
-    with pytest.raises(InvalidInputError, match="files must be 1 to"):
+    with pytest.raises(InvalidInputError, match="files must have 1 to"):
         StartPivotImport(())
 
 

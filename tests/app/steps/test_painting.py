@@ -138,11 +138,11 @@ def test_paint_goes_with_the_bone_it_is_on(smoothed):
 
 
 def test_what_is_no_stroke_is_refused(smoothed):
-    with pytest.raises(InvalidInputError, match="1 to 500 places"):
+    with pytest.raises(InvalidInputError, match="1 to 500 values"):
         PaintRegion("avoid", ())
     with pytest.raises(InvalidInputError, match="radius_mm"):
         PaintRegion("avoid", ((0.0, 0.0, 0.0),), 0.1)
-    with pytest.raises(InvalidInputError, match="numbers within 100 m"):
+    with pytest.raises(InvalidInputError, match="stroke_base_mm must be -100000 to 100000"):
         PaintRegion("avoid", ((np.nan, 0.0, 0.0),))
     with pytest.raises(InvalidInputError, match="off the measured surface"):
         handle(PaintRegion("avoid", ((0.0, 0.0, 0.0),)), smoothed)

@@ -1,5 +1,6 @@
 """The sessions folder: which open session a file belongs to, and under which name one is saved."""
 
+import re
 import threading
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,14 +27,22 @@ MAX_UPLOAD_BYTES = 512 * 1024**2
 FileState = Literal["none", "same", "changed", "missing"]  # beside what was opened or saved
 
 
+PLAIN_NAME = r"^(?!\.)[^/\\\x00-\x1f\x7f]+$"
+FILE_NAME = {  # of a field that names a file; the bytes are counted by ``plain_name``
+    "minLength": 1,
+    "maxLength": MAX_NAME_BYTES,
+    "pattern": PLAIN_NAME,
+    "rule": f"a plain file name of at most {MAX_NAME_BYTES} bytes, without path",
+}
+
+
 def plain_name(name: str) -> str:
     """Return ``name`` if it is a plain file name.
 
     Raises:
         InvalidInputError: empty, hidden, too long, or with a path or a hidden character in it.
     """
-    hidden = hidden_characters(name)
-    if not name or name.startswith(".") or "/" in name or "\\" in name or hidden:
+    if not re.fullmatch(PLAIN_NAME, name) or hidden_characters(name):
         raise InvalidInputError(f"expected a plain file name, got {name[:60]!a}")
     if len(name.encode()) > MAX_NAME_BYTES:
         raise InvalidInputError(

@@ -1,16 +1,14 @@
 """Messages about the speed of sound, the delay line, and what other probes would do."""
 
-from typing import Annotated
-
-from rona_core.app.messages.lengths import Length
 from rona_core.app.messages.message import Point, message, within
-from rona_core.devices.settings import PROBE_LIMITS, Excitation, ProbeName, require
+from rona_core.devices.limits import ROW, limited, range_of, require
+from rona_core.devices.settings import Excitation, ProbeName, ProbeSettings
 from rona_core.session.specimen import BoneKind
 
 MAX_POINTS = 50
 CALIPER_MM = (0.01, 2.0)  # standard deviation
 MAX_CELLS = 400
-MAX_TEMPERATURES = 8
+AXIS = {"minItems": 1, "maxItems": 20, "rule": f"at most {MAX_CELLS} combinations"}
 
 
 @message
@@ -21,8 +19,8 @@ class AddReferencePoint:
     """
 
     thickness_mm: float = within(0.5, 30.0)
-    scan: int | None = None
-    place_base_mm: Point | None = None
+    scan: int | None = limited(None, **ROW, rule="give either `scan` or `place_base_mm`")
+    place_base_mm: Point | None = within(-1e4, 1e4, default=None)  # of the robot base
     sigma_mm: float = within(*CALIPER_MM, default=0.1)
 
     def __post_init__(self) -> None:
@@ -30,17 +28,13 @@ class AddReferencePoint:
             (self.scan is None) != (self.place_base_mm is None),
             "say either which A-scan (scan) or where (place_base_mm)",
         )
-        require(self.scan is None or self.scan >= 0, "A-scans are numbered from 0")
 
 
 @message
 class RemoveReferencePoint:
     """Forget a reference point, by its number from 0; without a number, forget all."""
 
-    index: int | None = None
-
-    def __post_init__(self) -> None:
-        require(self.index is None or self.index >= 0, "reference points are numbered from 0")
+    index: int | None = limited(None, **ROW)
 
 
 @message
@@ -82,13 +76,9 @@ class StartDelayLineCapture:
     """
 
     n: int = within(3, 200, default=20)
-    temperatures_c: Annotated[tuple[float, ...], Length(0, MAX_TEMPERATURES)] = within(
-        *PROBE_LIMITS["line_temperature_c"], default=()
+    temperatures_c: tuple[float, ...] = within(
+        *range_of(ProbeSettings, "line_temperature_c"), default=(), maxItems=8
     )
-
-    def __post_init__(self) -> None:
-        count = len(self.temperatures_c)
-        require(count <= MAX_TEMPERATURES, f"at most {MAX_TEMPERATURES} temperatures, please")
 
 
 @message
@@ -98,20 +88,14 @@ class StartProbeSweep:
     Nothing of the specimen goes into it. Every combination is a cell of ``n`` A-scans.
     """
 
-    probes: Annotated[tuple[ProbeName, ...], Length(1, MAX_CELLS)] = ("2.25MHz", "1MHz")
-    excitations: Annotated[tuple[Excitation, ...], Length(1, MAX_CELLS)] = ("pulse", "chirp")
-    snr_db: Annotated[tuple[float, ...], Length(1, MAX_CELLS)] = within(
-        0.0, 90.0, default=(30.0, 50.0)
-    )
-    thickness_mm: Annotated[tuple[float, ...], Length(1, MAX_CELLS)] = within(
-        1.0, 16.0, default=(3.0, 5.0, 8.0, 11.0)
-    )
+    probes: tuple[ProbeName, ...] = limited(("2.25MHz", "1MHz"), **AXIS)
+    excitations: tuple[Excitation, ...] = limited(("pulse", "chirp"), **AXIS)
+    snr_db: tuple[float, ...] = within(0.0, 90.0, default=(30.0, 50.0), **AXIS)
+    thickness_mm: tuple[float, ...] = within(1.0, 16.0, default=(3.0, 5.0, 8.0, 11.0), **AXIS)
     bone: BoneKind = "normal"
     n: int = within(5, 400, default=40)
 
     def __post_init__(self) -> None:
-        axes = (self.probes, self.excitations, self.snr_db, self.thickness_mm)
-        require(all(len(axis) for axis in axes), "each axis of the sweep needs a value")
         cells = len(self.probes) * len(self.excitations) * len(self.snr_db)
         cells *= len(self.thickness_mm)
         require(cells <= MAX_CELLS, f"{cells} cells are too many: at most {MAX_CELLS}")

@@ -102,8 +102,6 @@ def add_reference_point(message: messages.AddReferencePoint, session: Session) -
             raise StepBlockedError("AddReferencePoint is blocked: map the boundaries again first")
         require_point(detection, message.scan)
         place = entry_points(session, detection)[message.scan]
-    elif np.abs(place).max() > 1e4:
-        raise InvalidInputError("place_base_mm must lie within 10 m of the robot base")
     held = _held(session)
     points = 0 if held is None else len(held.thickness_mm)
     if points >= messages.MAX_POINTS:

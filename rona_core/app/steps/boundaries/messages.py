@@ -1,10 +1,11 @@
 """Commands that correct boundaries of single A-scans by hand; undone like any other."""
 
 from rona_core.app.messages.message import message, within
-from rona_core.devices.settings import require
+from rona_core.devices.limits import ROW, limited, require
 from rona_core.ultrasound.detection.manual_corrections import Boundary, BoundaryEdit, ScanName
 
-MAX_NUMBER, MAX_TIME_US = 10_000_000, 1000.0
+MAX_TIME_US = 1000.0
+ONE = "give exactly one of `outer_us`, `inner_us` and `remove`"
 
 
 @message
@@ -15,11 +16,11 @@ class CorrectBoundary:
     given. What was detected is kept beside it. The maps become stale: compute them again.
     """
 
-    number: int = within(0, MAX_NUMBER)
+    number: int = limited(**ROW)
     scan: ScanName = "first"
-    outer_us: float | None = within(0.0, MAX_TIME_US, default=None)
-    inner_us: float | None = within(0.0, MAX_TIME_US, default=None)
-    remove: Boundary | None = None
+    outer_us: float | None = within(0.0, MAX_TIME_US, default=None, rule=ONE)
+    inner_us: float | None = within(0.0, MAX_TIME_US, default=None, rule=ONE)
+    remove: Boundary | None = limited(None, rule=ONE)
 
     def __post_init__(self) -> None:
         given = [v for v in (self.outer_us, self.inner_us, self.remove) if v is not None]
@@ -39,7 +40,8 @@ class ClearBoundaryCorrections:
     """Forget what was corrected by hand: of one A-scan of a pass, or all of it."""
 
     scan: ScanName | None = None  # None: all of them
-    number: int | None = within(0, MAX_NUMBER, default=None)  # None: all A-scans
+    # None: all A-scans
+    number: int | None = limited(None, **ROW, rule="a number needs the `scan` it is of")
 
     def __post_init__(self) -> None:
         require(self.number is None or self.scan is not None, "a number needs the scan it is of")

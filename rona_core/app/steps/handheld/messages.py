@@ -2,9 +2,10 @@
 
 from rona_core.app.messages.message import message, within
 from rona_core.app.steps.maps.messages import StartMapping
-from rona_core.devices.settings import require
+from rona_core.devices.limits import require
 
 MOST_SHOTS = 16_000  # of one scan by hand: some 60 MB
+SHOTS = f"`duration_s` times `rate_hz` is at most {MOST_SHOTS}"
 
 
 @message
@@ -29,9 +30,9 @@ class StartHandheldCalibration:
 class StartHandheldScan:
     """Slide the SonoPointer over the region in lines by hand while it fires ``rate_hz`` times."""
 
-    duration_s: float = within(5.0, 600.0, default=60.0)
+    duration_s: float = within(5.0, 600.0, default=60.0, rule=SHOTS)
     spacing_mm: float = within(0.5, 10.0, default=2.0)
-    rate_hz: float = within(1.0, 100.0, default=25.0)
+    rate_hz: float = within(1.0, 100.0, default=25.0, rule=SHOTS)
 
     def __post_init__(self) -> None:
         require(

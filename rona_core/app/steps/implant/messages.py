@@ -1,14 +1,14 @@
 """Messages of the implant bed."""
 
-from typing import Annotated, Literal
+from typing import Literal
 
-from rona_core.app.messages.lengths import Length
 from rona_core.app.messages.message import message, within
+from rona_core.devices.limits import PLACE, limited
 
-MAX_AREAS, MAX_CORNERS = 20, 200  # that a bed keeps away from, and of each
-# u and v in the plane of the maps, in mm
-Corners = Annotated[tuple[tuple[float, float], ...], Length(1, MAX_CORNERS)]
+Corners = tuple[tuple[float, float], ...]  # u and v in the plane of the maps, in mm
 ImplantName = Literal["BCI 601", "BCI 602", "CI receiver", "Osia/Baha screw"]
+# what a bed keeps away from: each a point, a line or an area
+AVOIDED = {**PLACE, "maxItems": 20, "items": {"minItems": 1, "maxItems": 200}}
 
 
 @message
@@ -24,7 +24,7 @@ class StartBedSearch:
     probability: float = within(0.5, 0.9999, default=0.99)  # of that, and of bone for each screw
     lift_mm: float | None = within(0.0, 4.0, default=None)
     burr_mm: float | None = within(0.5, 12.0, default=None)  # None: the largest of four that fits
-    avoid: Annotated[tuple[Corners, ...], Length(0, MAX_AREAS)] = ()
+    avoid: tuple[Corners, ...] = limited((), **AVOIDED)
     avoid_mm: float = within(0.0, 50.0, default=2.0)  # by which the bed keeps away from these
 
 
@@ -42,7 +42,7 @@ class PlaceBed:
     probability: float = within(0.5, 0.9999, default=0.99)
     lift_mm: float = within(0.0, 4.0, default=0.0)
     burr_mm: float | None = within(0.5, 12.0, default=None)
-    avoid: Annotated[tuple[Corners, ...], Length(0, MAX_AREAS)] = ()
+    avoid: tuple[Corners, ...] = limited((), **AVOIDED)
     avoid_mm: float = within(0.0, 50.0, default=2.0)
 
 

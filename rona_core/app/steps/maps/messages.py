@@ -1,9 +1,9 @@
 """Messages of detection and mapping."""
 
-from typing import Annotated, Literal
+from typing import Literal
 
-from rona_core.app.messages.lengths import Length
 from rona_core.app.messages.message import message, within
+from rona_core.devices.limits import PLACE, limited
 from rona_core.mapping.second_pass import SecondPassSettings
 
 Corner = tuple[float, float]  # u and v in the plane of the maps, in mm
@@ -31,9 +31,8 @@ class StartGapPlan(SecondPassSettings):
     Or along lines that are given, such as those that tell most of an implant bed (step 10).
     """
 
-    rows: Annotated[
-        tuple[Row, ...], Length(0, MAX_ROWS)
-    ] = ()  # in the order of scanning; none: over the gaps
+    # in the order of scanning; none: over the gaps
+    rows: tuple[Row, ...] = limited((), **PLACE, maxItems=MAX_ROWS)
 
 
 @message

@@ -4,22 +4,14 @@ Lengths are in millimetres, angles in degrees. A place that somebody points at o
 look: how deep it lies is taken from the measured surface.
 """
 
-from typing import Annotated, Literal
+from typing import Literal
 
-import numpy as np
-
-from rona_core.app.messages.lengths import Length
 from rona_core.app.messages.message import Point, message, within
 from rona_core.app.steps.surface.messages import MAX_PICKS
-from rona_core.devices.settings import require
-from rona_core.session.document import REGION_RADII_MM
+from rona_core.devices.limits import PLACE, ROW, limited, range_of, require
+from rona_core.session.document import RegionChoice
 
 MAX_CORNERS = 500
-
-
-def _require_place(name: str, place: Point | None) -> None:
-    finite = place is None or all(np.isfinite(part) and abs(part) <= 1e5 for part in place)
-    require(finite, f"{name} must be numbers within 100 m, not {place}")
 
 
 @message
@@ -35,18 +27,15 @@ class GenerateScanPattern:
     spacing_mm: float = within(0.5, 20.0, default=4.0)
     turn_deg: float = within(-360.0, 360.0, default=0.0)  # of the lines, about the normal
     margin_mm: float = within(0.0, 40.0, default=0.0)  # from the boundary
-    radius_mm: float | None = within(*REGION_RADII_MM, default=None)
-    center_base_mm: Point | None = None
-    boundary_base_mm: Annotated[tuple[Point, ...], Length(0, MAX_CORNERS)] = ()
+    radius_mm: float | None = within(*range_of(RegionChoice, "radius_mm"), default=None)
+    center_base_mm: Point | None = limited(None, **PLACE)
+    boundary_base_mm: tuple[Point, ...] = limited(
+        (), **PLACE, maxItems=MAX_CORNERS, rule="none, or at least 3 corners"
+    )
 
     def __post_init__(self) -> None:
-        _require_place("center_base_mm", self.center_base_mm)
         count = len(self.boundary_base_mm)
-        require(
-            count == 0 or 3 <= count <= MAX_CORNERS, f"a boundary has 3 to {MAX_CORNERS} corners"
-        )
-        for corner in self.boundary_base_mm:
-            _require_place("boundary_base_mm", corner)
+        require(count not in (1, 2), f"a boundary has 3 to {MAX_CORNERS} corners, not {count}")
 
 
 @message
@@ -57,13 +46,9 @@ class MovePathPoint:
     the place goes to the surface along the normal.
     """
 
-    index: int
-    point_base_mm: Point
-    seen_from_base_mm: Point | None = None
-
-    def __post_init__(self) -> None:
-        _require_place("point_base_mm", self.point_base_mm)
-        _require_place("seen_from_base_mm", self.seen_from_base_mm)
+    index: int = limited(**ROW)
+    point_base_mm: Point = limited(**PLACE)
+    seen_from_base_mm: Point | None = limited(None, **PLACE)
 
 
 @message
@@ -73,27 +58,23 @@ class InsertPathPoint:
     The place is found on the measured surface as for `MovePathPoint`.
     """
 
-    after: int
-    point_base_mm: Point
-    seen_from_base_mm: Point | None = None
-
-    def __post_init__(self) -> None:
-        _require_place("point_base_mm", self.point_base_mm)
-        _require_place("seen_from_base_mm", self.seen_from_base_mm)
+    after: int = within(-1, ROW["maximum"])
+    point_base_mm: Point = limited(**PLACE)
+    seen_from_base_mm: Point | None = limited(None, **PLACE)
 
 
 @message
 class DeletePathPoint:
     """Take a point of the smoothed path (its number, from 0) away; its neighbours stay."""
 
-    index: int
+    index: int = limited(**ROW)
 
 
 @message
 class PinPathSample:
     """Say that a sample of the demonstrated path (its number, from 0) must stay, or need not."""
 
-    sample: int
+    sample: int = limited(**ROW)
     keep: bool = True
 
 
@@ -112,14 +93,8 @@ class PaintRegion:
     """
 
     kind: Literal["scan", "avoid"]
-    stroke_base_mm: Annotated[tuple[Point, ...], Length(1, MAX_CORNERS)]
+    stroke_base_mm: tuple[Point, ...] = limited(**PLACE, minItems=1, maxItems=MAX_CORNERS)
     radius_mm: float = within(1.0, 20.0, default=5.0)
-
-    def __post_init__(self) -> None:
-        count = len(self.stroke_base_mm)
-        require(1 <= count <= MAX_CORNERS, f"a stroke has 1 to {MAX_CORNERS} places, not {count}")
-        for place in self.stroke_base_mm:
-            _require_place("stroke_base_mm", place)
 
 
 @message
@@ -147,8 +122,9 @@ class StartPathCapture:
 
     duration_s: float = within(1.0, 600.0, default=40.0)
     spacing_mm: float = within(1.0, 20.0, default=4.0)
-    picks_base_mm: Annotated[tuple[Point, ...], Length(0, MAX_PICKS)] = ()
+    picks_base_mm: tuple[Point, ...] = limited(
+        (), **PLACE, maxItems=MAX_PICKS, rule="none, or at least 2 picks"
+    )
 
     def __post_init__(self) -> None:
-        count = len(self.picks_base_mm)
-        require(count == 0 or 2 <= count <= MAX_PICKS, f"picks must be 2 to {MAX_PICKS}")
+        require(len(self.picks_base_mm) != 1, f"picks must be 2 to {MAX_PICKS}, or none")

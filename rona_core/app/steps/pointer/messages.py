@@ -3,7 +3,8 @@
 from typing import Literal
 
 from rona_core.app.messages.message import message, within
-from rona_core.app.steps.tool.messages import Rows, require_rows
+from rona_core.app.steps.tool.messages import POSES
+from rona_core.devices.limits import limited
 
 
 @message
@@ -11,10 +12,8 @@ class CalibratePointer:
     """Compute the pointer tip from the recorded pivoting."""
 
     method: Literal["ml", "sphere"] = "ml"
-    exclude: Rows = ()  # poses left out by hand, rows of the result's residuals
-
-    def __post_init__(self) -> None:
-        require_rows(self.exclude)
+    # poses left out by hand, rows of the result's residuals
+    exclude: tuple[int, ...] = limited((), **POSES)
 
 
 @message
@@ -39,7 +38,4 @@ class ExcludePoses:
     """
 
     step: Literal["tool", "pointer"]
-    indices: Rows = ()
-
-    def __post_init__(self) -> None:
-        require_rows(self.indices)
+    indices: tuple[int, ...] = limited((), **POSES)

@@ -1,13 +1,13 @@
 """Messages that take recordings made elsewhere."""
 
-from typing import Annotated, Literal
+from typing import Literal
 
-from rona_core.app.messages.lengths import Length
 from rona_core.app.messages.message import message
-from rona_core.app.runtime.saving.session_files import plain_name
-from rona_core.devices.settings import require
+from rona_core.app.runtime.saving.session_files import FILE_NAME, plain_name
+from rona_core.devices.limits import limited
 
 MAX_FILES = 5000
+MAX_TOOL = 100  # characters of its name
 
 
 @message
@@ -19,9 +19,9 @@ class StartRecordingImport:
     ``append`` adds a stroke to those recorded before; ``play`` shows it at the pace of captures.
     """
 
-    file: str
+    file: str = limited(**FILE_NAME)
     purpose: Literal["pivot", "surface", "path"] = "pivot"
-    tool: str | None = None
+    tool: str | None = limited(None, maxLength=MAX_TOOL)
     append: bool = False
     play: bool = False
 
@@ -38,13 +38,11 @@ class StartPivotImport:
     A zip stands for the files in it.
     """
 
-    files: Annotated[tuple[str, ...], Length(1, MAX_FILES)]
-    geometry: str | None = None
-    tool: str | None = None
+    files: tuple[str, ...] = limited(**FILE_NAME, minItems=1, maxItems=MAX_FILES)
+    geometry: str | None = limited(None, **FILE_NAME)
+    tool: str | None = limited(None, maxLength=MAX_TOOL)
 
     def __post_init__(self) -> None:
-        count = len(self.files)
-        require(1 <= count <= MAX_FILES, f"files must be 1 to {MAX_FILES}, not {count}")
         for name in self.files:
             plain_name(name)
         if self.geometry is not None:

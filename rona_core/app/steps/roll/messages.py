@@ -1,14 +1,12 @@
 """Messages of the motion planning."""
 
-from typing import Annotated, Literal
+from typing import Literal
 
-from rona_core.app.messages.lengths import Length
 from rona_core.app.messages.message import message, within
-from rona_core.devices.settings import require
-from rona_core.robot.base_placement.candidates import BaseSearch
+from rona_core.devices.limits import like, require
+from rona_core.robot.base_placement.candidates import MAX_PLACES, BaseSearch
 
-MAX_PLACES = 2000  # of the base, that are looked at
-MAX_LEVELS = 100
+FIRST_BELOW_LAST = "`roll_from_deg` lies below `roll_to_deg`"
 
 
 @message
@@ -19,15 +17,15 @@ class StartRollSearch:
     """
 
     n_rolls: int = within(1, 720, default=72)
-    roll_from_deg: float = 0.0
-    roll_to_deg: float = 360.0
+    roll_from_deg: float = within(-360.0, 720.0, default=0.0, rule=FIRST_BELOW_LAST)
+    roll_to_deg: float = within(-360.0, 720.0, default=360.0, rule=FIRST_BELOW_LAST)
     choice: Literal["best", "first"] = "best"
     mode: Literal["auto", "constant", "variable"] = "auto"
 
     def __post_init__(self) -> None:
         require(
-            -360.0 <= self.roll_from_deg < self.roll_to_deg <= 720.0,
-            "rolls must lie within -360 and 720 degrees, first below last",
+            self.roll_from_deg < self.roll_to_deg,
+            f"roll_from_deg {self.roll_from_deg:g} must lie below roll_to_deg {self.roll_to_deg:g}",
         )
 
 
@@ -48,12 +46,10 @@ class StartBasePlacement:
     where the base stands, at heights ``levels_mm`` from there.
     """
 
-    half_x_mm: float = 500.0
-    half_y_mm: float = 600.0
-    step_mm: float = 100.0
-    levels_mm: Annotated[tuple[float, ...], Length(1, MAX_LEVELS)] = within(
-        -1000.0, 1000.0, default=(0.0,)
-    )
+    half_x_mm: float = like(BaseSearch, "half_x_mm")
+    half_y_mm: float = like(BaseSearch, "half_y_mm")
+    step_mm: float = like(BaseSearch, "step_mm")
+    levels_mm: tuple[float, ...] = like(BaseSearch, "levels_mm")
 
     def __post_init__(self) -> None:
         self.search()  # refuses what cannot be searched

@@ -16,7 +16,7 @@ from rona_core.app.steps.setup.inputs import BASE, DRIVEN
 from rona_core.app.steps.setup.messages import SetRobot
 from rona_core.app.steps.setup.step import set_robot
 from rona_core.app.steps.tool.messages import StartRobotMove
-from rona_core.app.steps.tool.robot_motion import move_robot
+from rona_core.app.steps.tool.robot_motion import move_robot, require_joint_limits
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.errors import StaleResultError
 from rona_core.robot.planning.plan import RobotPlan
@@ -81,6 +81,7 @@ STEP = declare.Step(
             move_robot,
             "Moving the robot",
             drives_robot=True,
+            check=require_joint_limits,
         ),
     ),
     results=(

@@ -3,33 +3,31 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from rona_core.app.messages.message import Point, message, values_of
-from rona_core.app.runtime.saving.session_files import plain_name
+from rona_core.app.messages.message import Point, message, within
+from rona_core.app.runtime.saving.session_files import FILE_NAME, plain_name
+from rona_core.devices.limits import like, limited
 from rona_core.devices.settings import (
+    ROBOTS,
     TOOLS,
     ContactSettings,
     PointerKind,
     ProbeSettings,
+    RobotSettings,
     TrackerPlace,
     TrackerProfile,
-    require,
+    TrackerSettings,
 )
-from rona_core.devices.workcell import RoomBox, Surroundings
+from rona_core.devices.workcell import BOX_NAME, MOST_NAME, RoomBox, Surroundings
 from rona_core.devices.world_settings import WorldSettings
-from rona_core.session.document import RegionChoice, require_seed
+from rona_core.session.document import SEED, RegionChoice
 from rona_core.session.specimen import BoneChoice, LoadedSkull
-
-STANDARD = Surroundings()
 
 
 @message
 class SetSeed:
     """Choose the seed of all that is random: the patient, the placement and every noise."""
 
-    seed: int
-
-    def __post_init__(self) -> None:
-        require_seed(self.seed)
+    seed: int = limited(**SEED)
 
 
 @message
@@ -65,15 +63,15 @@ class SetTracker:
     """Choose noise profile, frame rate and faults of the tracker."""
 
     profile: TrackerProfile = "polaris"
-    rate_hz: float = 60.0
+    rate_hz: float = like(TrackerSettings, "rate_hz")
     stereo: bool = True
-    depth_ratio: float = 3.0
+    depth_ratio: float = like(TrackerSettings, "depth_ratio")
     occlusion: bool = True
-    phantom_share: float = 0.0
-    latency_ms: float | None = None
-    drift_mm: float = 0.0
-    minutes_on: float = 60.0
-    dropped_share: float = 0.0
+    phantom_share: float = like(TrackerSettings, "phantom_share")
+    latency_ms: float | None = like(TrackerSettings, "latency_ms")
+    drift_mm: float = like(TrackerSettings, "drift_mm")
+    minutes_on: float = like(TrackerSettings, "minutes_on")
+    dropped_share: float = like(TrackerSettings, "dropped_share")
 
 
 @message
@@ -95,22 +93,19 @@ class SetUseBaseMarker:
 class SetToolVisible:
     """Cover a tracked tool up, or uncover it."""
 
-    tool: str
-    visible: bool
-
-    def __post_init__(self) -> None:
-        require(self.tool in TOOLS, f"tool must be one of {', '.join(TOOLS)}, not {self.tool!r}")
+    tool: str = limited(enum=TOOLS)
+    visible: bool = limited()
 
 
 @message
 class SetRobot:
     """Choose the robot, whether it errs, its scan speed and where its base stands."""
 
-    model: str = "rx90"
+    model: str = limited("rx90", enum=tuple(ROBOTS))
     errors: bool = True
-    scan_speed_mm_per_s: float = 20.0
-    base_shift_mm: Point = (0.0, 0.0, 0.0)
-    base_turn_deg: float = 0.0
+    scan_speed_mm_per_s: float = like(RobotSettings, "scan_speed_mm_per_s")
+    base_shift_mm: Point = like(RobotSettings, "base_shift_mm")
+    base_turn_deg: float = like(RobotSettings, "base_turn_deg")
 
 
 @message
@@ -129,17 +124,16 @@ class SetPointer:
 class StartSkullImport:
     """Read a skull from a file that was uploaded before: mask, CT with threshold, or mesh."""
 
-    file: str
-    inner_file: str | None = None
-    threshold: float | None = None
-    center_mesh_mm: Point | None = None
-    radius_mm: float = 25.0
+    file: str = limited(**FILE_NAME)
+    inner_file: str | None = limited(None, **FILE_NAME)
+    threshold: float | None = within(-1e9, 1e9, default=None)  # grey value, as the file has them
+    center_mesh_mm: Point | None = like(RegionChoice, "center_mesh_mm")
+    radius_mm: float = like(RegionChoice, "radius_mm")
 
     def __post_init__(self) -> None:
         plain_name(self.file)
         if self.inner_file is not None:
             plain_name(self.inner_file)
-        RegionChoice(self.center_mesh_mm, self.radius_mm)  # refuses what is no region
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -167,18 +161,15 @@ class SetWorkcell:
     was made among other things becomes stale.
     """
 
-    table: bool = STANDARD.table
-    table_center_mm: Point = STANDARD.table_center_mm  # middle of the top
-    table_size_mm: Point = STANDARD.table_size_mm  # along x, along y, thickness
-    floor_mm: float = STANDARD.floor_mm
-    head_below_mm: float = STANDARD.head_below_mm
-    stand_radius_mm: float = STANDARD.stand_radius_mm
-    head_margin_mm: float = STANDARD.head_margin_mm
-    margin_mm: float = STANDARD.margin_mm
-    self_margin_mm: float = STANDARD.self_margin_mm
-
-    def __post_init__(self) -> None:
-        Surroundings(**values_of(self, type(self)))  # refuses what is out of range
+    table: bool = True
+    table_center_mm: Point = like(Surroundings, "table_center_mm")  # middle of the top
+    table_size_mm: Point = like(Surroundings, "table_size_mm")  # along x, along y, thickness
+    floor_mm: float = like(Surroundings, "floor_mm")
+    head_below_mm: float = like(Surroundings, "head_below_mm")
+    stand_radius_mm: float = like(Surroundings, "stand_radius_mm")
+    head_margin_mm: float = like(Surroundings, "head_margin_mm")
+    margin_mm: float = like(Surroundings, "margin_mm")
+    self_margin_mm: float = like(Surroundings, "self_margin_mm")
 
 
 @message
@@ -190,11 +181,11 @@ class AddObstacle:
     is to be called otherwise from now on.
     """
 
-    name: str
-    center_mm: Point
-    size_mm: Point
-    turn_deg: float = 0.0
-    instead_of: str | None = None
+    name: str = limited(**{**BOX_NAME, "pattern": r"^\s*\w(?:[\w .()-]*[\w.)])?\s*$"})
+    center_mm: Point = like(RoomBox, "center_mm")
+    size_mm: Point = like(RoomBox, "size_mm")
+    turn_deg: float = like(RoomBox, "turn_deg")
+    instead_of: str | None = limited(None, maxLength=MOST_NAME)
 
     def __post_init__(self) -> None:
         self.box()  # refuses what is no box
@@ -208,4 +199,4 @@ class AddObstacle:
 class RemoveObstacle:
     """Take a box away again, by its name."""
 
-    name: str
+    name: str = limited(maxLength=MOST_NAME)

@@ -1,13 +1,13 @@
 """Messages of the surface."""
 
 from itertools import pairwise
-from typing import Annotated
 
-from rona_core.app.messages.lengths import Length
 from rona_core.app.messages.message import Point, message, within
-from rona_core.devices.settings import require
+from rona_core.devices.limits import PLACE, UNIT_QUATERNION, limited, require, require_unit
 
 MAX_PICKS = 500
+BOTH = "a guess needs both `guess_wxyz` and `guess_mm`"
+RISING = "each above the one before, and numbers of picks"
 
 
 @message
@@ -33,13 +33,12 @@ class StartSurfaceCapture:
     """
 
     duration_s: float = within(1.0, 600.0, default=60.0)
-    picks_base_mm: Annotated[tuple[Point, ...], Length(0, MAX_PICKS)] = ()
+    picks_base_mm: tuple[Point, ...] = limited((), **PLACE, maxItems=MAX_PICKS)
     append: bool = False
-    lifts: Annotated[tuple[int, ...], Length(0, MAX_PICKS)] = ()
+    lifts: tuple[int, ...] = within(1, MAX_PICKS, default=(), maxItems=MAX_PICKS, rule=RISING)
 
     def __post_init__(self) -> None:
         count = len(self.picks_base_mm)
-        require(count <= MAX_PICKS, f"at most {MAX_PICKS} picks, please")
         require(count > 0 or not self.lifts, "without picks there is nothing to lift between")
         bounds = (0, *self.lifts, max(count, 1))
         require(
@@ -63,11 +62,15 @@ class StartSkullRegistration:
     """
 
     n_turns: int = within(4, 90, default=24)
-    guess_wxyz: tuple[float, float, float, float] | None = None
-    guess_mm: Point | None = None
+    guess_wxyz: tuple[float, float, float, float] | None = limited(
+        None, **{**UNIT_QUATERNION, "rule": f"{UNIT_QUATERNION['rule']}; {BOTH}"}
+    )
+    guess_mm: Point | None = limited(None, **PLACE, rule=BOTH)
 
     def __post_init__(self) -> None:
         require(
             (self.guess_wxyz is None) == (self.guess_mm is None),
             "a guess needs both guess_wxyz and guess_mm",
         )
+        if self.guess_wxyz is not None:
+            require_unit("guess_wxyz", self.guess_wxyz)

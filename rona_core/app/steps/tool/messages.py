@@ -1,20 +1,11 @@
 """Messages of the tool registration."""
 
-from typing import Annotated, Literal
+from typing import Literal
 
-from rona_core.app.messages.lengths import Length
 from rona_core.app.messages.message import message, within
-from rona_core.devices.settings import require
+from rona_core.devices.limits import ROW, limited
 
-MAX_EXCLUDED = 20_000
-Rows = Annotated[tuple[int, ...], Length(0, MAX_EXCLUDED)]
-
-
-def require_rows(rows: tuple[int, ...]) -> None:
-    """Raise InvalidInputError unless ``rows`` number poses, each once."""
-    require(len(rows) <= MAX_EXCLUDED, f"at most {MAX_EXCLUDED} poses, please")
-    require(all(row >= 0 for row in rows), "poses are numbered from 0")
-    require(len(set(rows)) == len(rows), "each pose can be named once only")
+POSES = {**ROW, "maxItems": 20_000, "uniqueItems": True}  # rows of the poses of a recording
 
 
 @message
@@ -22,10 +13,8 @@ class RegisterTool:
     """Compute tool tip and tracker pose from the recorded tool motion."""
 
     method: Literal["joint", "paper"] = "joint"
-    exclude: Rows = ()  # poses left out by hand, rows of the result's residuals
-
-    def __post_init__(self) -> None:
-        require_rows(self.exclude)
+    # poses left out by hand, rows of the result's residuals
+    exclude: tuple[int, ...] = limited((), **POSES)
 
 
 @message
@@ -41,4 +30,6 @@ class StartToolCapture:
 class StartRobotMove:
     """Move the robot to joint angles in degrees; refused unless the motion is certified."""
 
-    joints_deg: tuple[float, float, float, float, float, float]
+    joints_deg: tuple[float, float, float, float, float, float] = within(
+        -360.0, 360.0, rule="within the limits of the joints of the chosen robot"
+    )

@@ -141,12 +141,14 @@ def move_robot(
 ) -> tuple[Message, ...]:
     """Carry out `StartRobotMove`, certified first; the session stays as it is."""
     q_rad = np.deg2rad(np.array(activity.joints_deg))
-    _check_joints(q_rad, robot_model(session.setup.devices.robot.model))
     drive_to(q_rad, session, context)
     return ()
 
 
-def _check_joints(q_rad: Floats, model: RobotModel) -> None:
+def require_joint_limits(activity: StartRobotMove, session: Session) -> None:
+    """Raise InvalidInputError unless the chosen robot's joints can be at the angles of a move."""
+    model = robot_model(session.setup.devices.robot.model)
+    q_rad = np.deg2rad(np.array(activity.joints_deg))
     outside = (q_rad < model.lower_rad) | (q_rad > model.upper_rad)
     if outside.any():
         j = int(np.argmax(outside))

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.signal import hilbert
 
-from rona_core.devices.settings import PROBE_LIMITS, ROOM_C, ProbeSettings
+from rona_core.devices.limits import limits_of, range_of
+from rona_core.devices.settings import ROOM_C, ProbeSettings
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.pose import Pose
 from rona_core.ultrasound.probe.probe_model import AQUALENE, PROBES, ProbeModel, probe_model
@@ -55,9 +56,12 @@ def test_what_a_laboratory_does_not_know_is_not_in_the_model():
     assert "temperature" not in " ".join(part.name for part in fields(ProbeModel))
 
 
-@pytest.mark.parametrize("field", list(PROBE_LIMITS))
+LIMITED = [name for name, words in limits_of(ProbeSettings).items() if "minimum" in words]
+
+
+@pytest.mark.parametrize("field", LIMITED)
 def test_limits_hold_on_both_sides(field):
-    low, high = PROBE_LIMITS[field]
+    low, high = range_of(ProbeSettings, field)
     for value in (low, high):
         assert getattr(ProbeSettings(**{field: value}), field) == value
     for value in (low - 1e-3, high + 1e-3, np.nan):

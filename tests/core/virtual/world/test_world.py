@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rona_core.devices.limits import range_of
 from rona_core.devices.settings import DeviceSettings, TrackerSettings
-from rona_core.devices.world_settings import NOMINAL_WORLD, WORLD_LIMITS, WorldSettings
+from rona_core.devices.world_settings import NOMINAL_WORLD, WorldSettings
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.robot.kinematics.catalog import robot_model
@@ -46,7 +47,7 @@ def test_the_page_has_every_quantity_with_its_distributions():
         name: (f"{q.nominal:g}", cell(q.realistic), cell(q.hard)) for name, q in QUANTITIES.items()
     }
     named = {part.name for part in fields(WorldSettings)} - {"profile"}
-    assert named == set(QUANTITIES) == set(WORLD_LIMITS)
+    assert named == set(QUANTITIES)
     assert named < {part.name for part in fields(World)}
 
 
@@ -55,7 +56,7 @@ def test_the_page_has_every_quantity_with_its_distributions():
 def test_draws_follow_the_distribution_within_what_can_be_set(name, profile):
     values = np.array([getattr(world(seed, profile), name) for seed in range(300)])
     spread = getattr(QUANTITIES[name], profile)
-    low, high = WORLD_LIMITS[name]
+    low, high = range_of(WorldSettings, name)
     assert low <= values.min()
     assert values.max() <= high
     if isinstance(spread, Normal):

@@ -1,7 +1,8 @@
 """Messages of the registration of the burr."""
 
 from rona_core.app.messages.message import message, within
-from rona_core.app.steps.tool.messages import Rows, require_rows
+from rona_core.app.steps.tool.messages import POSES
+from rona_core.devices.limits import limited
 
 
 @message
@@ -20,7 +21,5 @@ class StartBurrCapture:
 class RegisterBurr:
     """Compute where the tip of the burr is on the flange, from the recorded turns in the seat."""
 
-    exclude: Rows = ()  # poses left out by hand, rows of the result's residuals
-
-    def __post_init__(self) -> None:
-        require_rows(self.exclude)
+    # poses left out by hand, rows of the result's residuals
+    exclude: tuple[int, ...] = limited((), **POSES)

@@ -1,7 +1,7 @@
 """Messages of the verification on landmarks."""
 
 from rona_core.app.messages.message import message, within
-from rona_core.devices.settings import require
+from rona_core.devices.limits import limited
 
 MAX_REASON = 300  # characters
 
@@ -34,8 +34,9 @@ class VerifyLandmarks:
 class OverrideLandmarks:
     """Let the robot scan although the verification failed or was not done; the log keeps why."""
 
-    reason: str
-
-    def __post_init__(self) -> None:
-        count = len(self.reason.strip())
-        require(3 <= count <= MAX_REASON, f"the reason must have 3 to {MAX_REASON} characters")
+    reason: str = limited(
+        minLength=3,
+        maxLength=MAX_REASON,
+        pattern=r"^\s*\S[\s\S]+\S\s*$",
+        rule=f"3 to {MAX_REASON} characters, blanks around them not counted",
+    )
