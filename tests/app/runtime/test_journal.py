@@ -26,8 +26,17 @@ KINDS = {
     "tail of zeros": lambda w: (c.ljust(len(w.data), b"\0") for c in cuts(w.data, 83)),
     "grown": lambda w: (w.data + bytes(n) for n in (1, 511, 4096, 5000)),
     "bits flipped": lambda w: flips(w.data, 600, 1),
+    "first page": lambda w: high_bits(w.data[:4096], w.data[4096:]),
     "sectors old or zero": lambda w: sectors(w.data, w.before, 200, 2),
 }
+
+
+def high_bits(page, rest):
+    """Yield a file with one byte of its page made no character: names of tables among them."""
+    for place in np.flatnonzero(np.frombuffer(page, np.uint8)):
+        changed = bytearray(page)
+        changed[place] ^= 0x80
+        yield bytes(changed) + rest
 
 
 @pytest.fixture

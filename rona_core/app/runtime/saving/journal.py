@@ -36,6 +36,8 @@ from rona_core.session.message_migration import with_present_message
 JOURNAL_SUFFIX = ".journal"
 ROLLBACK_SUFFIX = "-journal"  # of SQLite's own file beside it, in use while a row is added
 MOST_ENTRIES = 64  # then a whole copy is due: doing them again takes time
+# what the library raises for a damaged file; a ValueError where a name in it is no text any more
+UNREADABLE = (sqlite3.Error, ValueError, MemoryError)
 TABLES = """
 CREATE TABLE rows (number INTEGER PRIMARY KEY, data BLOB NOT NULL, chain BLOB NOT NULL);
 CREATE TABLE last (number INTEGER NOT NULL, chain BLOB NOT NULL);
@@ -178,11 +180,11 @@ def _read_rows(path: Path) -> tuple[list[tuple[Any, ...]], tuple[Any, Any] | Non
         with _unchanged(path) as database:
             try:
                 last = database.execute("SELECT number, chain FROM last").fetchone()
-            except sqlite3.Error as error:  # the rows may be whole
+            except UNREADABLE as error:  # the rows may be whole
                 trouble = str(error)
             found = database.execute("SELECT number, data, chain FROM rows ORDER BY number")
             rows.extend(found)  # those before an error stay
-    except sqlite3.Error as error:
+    except UNREADABLE as error:
         trouble = str(error)
     return rows, last, trouble
 
