@@ -40,6 +40,7 @@ SUITES: Mapping[str, str] = {
     "start": "procedure",
     "viewer": "procedure",
     "kills": "reliability",
+    "readers": "reliability",
     "procedure": "procedure",
     "mounting": "procedure",
     "head_motion": "procedure",

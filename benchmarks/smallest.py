@@ -177,6 +177,7 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
         "suites.reliability.kills.BUSY": (True,),
         "suites.reliability.kills.KILLED": ("worker and resource tracker",),
     },
+    "readers": {"suites.reliability.readers.INPUTS": 60, "suites.reliability.readers.APART": ()},
     "procedure": {
         "suites.procedure.procedure.SEEDS": (0,),
         "suites.procedure.procedure.run_demo": short_procedure,

@@ -81,6 +81,7 @@ def read_skull(
     threshold: float | None,
     center_mesh_mm: tuple[float, float, float] | None,
     radius_mm: float,
+    label: int | None = None,
     *,
     progress: Progress,
     cancel: Cancel,
@@ -92,6 +93,7 @@ def read_skull(
         path,
         inner=inner,
         threshold=threshold,
+        label=label,
         center=center_mesh_mm,
         radius_mm=radius_mm,
         progress=progress,
@@ -179,6 +181,7 @@ class DemoSkull:
     threshold: float | None = None  # of the bone in a CT volume
     center: tuple[float, float, float] | None = None  # of the region, in mm of the file
     radius: float | None = None  # of the region in mm, 25 if not given
+    label: int | None = None  # of the bone in a map of labels
 
     @property
     def name(self) -> str:
@@ -276,6 +279,7 @@ def _put_on_the_table(
             skull.threshold,
             skull.center,
             radius_mm,
+            skull.label,
             progress=progress,
             cancel=cancel,
         )

@@ -127,13 +127,17 @@ class SetPointer:
 
 @message
 class StartSkullImport:
-    """Read a skull from a file that was uploaded before: mask, CT with threshold, or mesh."""
+    """Read a skull from a file that was uploaded before: mask, CT with threshold, or mesh.
+
+    ``label`` is the value of bone in a map of several labels.
+    """
 
     file: str
     inner_file: str | None = None
     threshold: float | None = None
     center_mesh_mm: Point | None = None
     radius_mm: float = 25.0
+    label: int | None = None
 
     def __post_init__(self) -> None:
         plain_name(self.file)
