@@ -4,7 +4,7 @@ import time
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from rona_core.app.declarations.declarations import Compute, compute_here
 from rona_core.app.dependencies.inputs import require_result
@@ -31,7 +31,7 @@ from rona_core.app.steps.setup.messages import (
     SetWorld,
     StoreSkull,
 )
-from rona_core.devices.protocols import Cancel, Progress, Rig, never
+from rona_core.devices.protocols import Cancel, Progress, Rig, Work, never
 from rona_core.devices.world_settings import REALISTIC_WORLD, WorldSettings
 from rona_core.errors import DeviceError, RonaError
 from rona_core.evaluation.maps.map_errors import errors_of_maps
@@ -82,9 +82,7 @@ def read_skull(
     center_mesh_mm: tuple[float, float, float] | None,
     radius_mm: float,
     label: int | None = None,
-    *,
-    progress: Progress,
-    cancel: Cancel,
+    **work: Unpack[Work],
 ) -> LoadedSkull:
     """Read a skull from a file; picklable, so that it can run in another process."""
     from rona_core.virtual.specimen.import_skull import import_skull  # readers of many formats
@@ -96,8 +94,7 @@ def read_skull(
         label=label,
         center=center_mesh_mm,
         radius_mm=radius_mm,
-        progress=progress,
-        cancel=cancel,
+        **work,
     )
 
 

@@ -4,6 +4,7 @@ import hashlib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,7 +12,7 @@ from numpy.typing import ArrayLike
 from rona_core.devices.files.triangle_file import MESH_SUFFIXES
 from rona_core.devices.files.voxels.refusals import refused
 from rona_core.devices.files.voxels.voxel_reader import VOLUME_SUFFIXES
-from rona_core.devices.protocols import Cancel, Progress, never, silent
+from rona_core.devices.protocols import Cancel, Progress, Work, never, silent
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.geometry.arrays import Vector3, as_vector3, readonly
 from rona_core.geometry.pose import Pose
@@ -68,8 +69,7 @@ def import_skull(
     label: int | None = None,
     center: ArrayLike | None = None,
     radius_mm: float = 25.0,
-    progress: Progress = silent,
-    cancel: Cancel = never,
+    **work: Unpack[Work],
 ) -> LoadedSkull:
     """Read the bone of a skull and fix its boundaries about the disc to be scanned.
 
@@ -83,8 +83,7 @@ def import_skull(
             posterior, superior where those are left-handed); None chooses a smooth, whole place on
             the side of the head.
         radius_mm: Radius of the disc.
-        progress: Told the share done, 0 to 1.
-        cancel: Asked between the steps.
+        work: ``progress``, called with the share done, and ``cancel``, called between the steps.
 
     Raises:
         InvalidInputError: a file or value that does not fit; says what was expected.
@@ -95,32 +94,27 @@ def import_skull(
         raise InvalidInputError(f"radius_mm must be {low:g} to {high:g}, not {radius_mm}")
     chosen = None if center is None else as_vector3(center, name="center")
     paths = [Path(path)] if inner is None else [Path(path), Path(inner)]
-    step = _stepper(progress, cancel)
+    step = _stepper(work.get("progress", silent), work.get("cancel", never))
     step(0.02)
     source = _read(paths, threshold, label)
-    freed, T_mesh_upright = None, Pose.identity()
+    freed, T_skull_upright = None, Pose.identity()
     if isinstance(source, BoneVolume):
         freed = without_holder(stand_as_the_bone_does(source))
-        source, T_mesh_upright = freed.bone, freed.bone.T_mesh_upright
+        source, T_skull_upright = freed.bone, freed.bone.T_skull_upright
     step(0.25)
     coarse = _look_over(source)
     step(0.4)
-    if chosen is None:
-        choice = choose_region(coarse, radius_mm)
-    else:
-        choice = _place_at(coarse, chosen, T_mesh_upright)
+    choice = (
+        choose_region(coarse, radius_mm)
+        if chosen is None
+        else _place_at(coarse, chosen, T_skull_upright)
+    )
     if freed is not None:
         freed.require_whole(choice.center_upright, radius_mm)
-    draft = _draft(source, coarse, choice, float(radius_mm), step)
-    result = _settle(
-        replace(
-            _moved(draft, T_mesh_upright),
-            name=paths[0].name,
-            sha256=tuple(map(_sha256, paths)),
-            threshold=threshold,
-            label=label,
-        )
-    )
+    draft = _draft(source, coarse, choice, float(radius_mm), T_skull_upright, step)
+    sha256 = tuple(map(_sha256, paths))
+    draft = replace(draft, name=paths[0].name, sha256=sha256, threshold=threshold, label=label)
+    result = _settle(draft)
     check_drawn(result)
     step(1.0)
     return result
@@ -131,9 +125,10 @@ def _draft(
     coarse: CoarseBone,
     choice: Choice,
     radius_mm: float,
+    T_skull_upright: Pose,
     step: Callable[[float], None],
 ) -> LoadedSkull:
-    """Return the skull in ``upright``: distance and mesh, still without name and thickness."""
+    """Return the skull without name and thickness; all of it is moved by the one transform."""
     grid = grid_about(choice.center_upright, choice.outward_upright, radius_mm)
     half_mm = 0.5 * grid.spacing_mm * (grid.shape[0] - 1)
     grid = raised(grid, coarse.highest_mm(choice.center_upright, grid.axes_upright, half_mm))
@@ -155,31 +150,18 @@ def _draft(
         smoothing_mm=smoothing_mm,
         distance_um=as_micrometres(distance),
         spacing_mm=grid.spacing_mm,
-        origin_skull=grid.origin_upright,
-        axes_skull=grid.axes_upright,
-        mesh_vertices_skull=vertices.astype(np.float32),
+        origin_skull=T_skull_upright @ grid.origin_upright,
+        axes_skull=T_skull_upright.rotate(grid.axes_upright.T).T,
+        mesh_vertices_skull=(T_skull_upright @ vertices).astype(np.float32),
         mesh_faces=faces.astype(np.int32),
-        center_skull=choice.center_upright,
-        normal_skull=choice.outward_upright,
+        center_skull=T_skull_upright @ choice.center_upright,
+        normal_skull=T_skull_upright.rotate(choice.outward_upright),
         radius_mm=radius_mm,
         mean_thickness_mm=0.0,
     )
     if isinstance(source, BoneMesh):
         return draft
     return drawn_on_level(draft, float(source.voxel_mm().max()))
-
-
-def _moved(skull: LoadedSkull, T_mesh_upright: Pose) -> LoadedSkull:
-    """Return the skull in the coordinates of the file: the one transform of all that it holds."""
-    vertices = T_mesh_upright @ skull.mesh_vertices_skull.astype(np.float64)
-    return replace(
-        skull,
-        origin_skull=T_mesh_upright @ skull.origin_skull,
-        axes_skull=T_mesh_upright.rotate(skull.axes_skull.T).T,
-        mesh_vertices_skull=vertices.astype(np.float32),
-        center_skull=T_mesh_upright @ skull.center_skull,
-        normal_skull=T_mesh_upright.rotate(skull.normal_skull),
-    )
 
 
 def _sha256(path: Path) -> str:
@@ -231,7 +213,7 @@ def _look_over(source: BoneVolume | BoneMesh) -> CoarseBone:
     return CoarseBone(mask, low, np.full(3, COARSE_MM), 0)
 
 
-def _place_at(bone: CoarseBone, center_mesh: Vector3, T_mesh_upright: Pose) -> Choice:
+def _place_at(bone: CoarseBone, center_skull: Vector3, T_skull_upright: Pose) -> Choice:
     """Return the outer surface at a centre (3,), on the line to it from the middle of the head.
 
     Other bone on that line, farther out or in, does not count.
@@ -239,7 +221,7 @@ def _place_at(bone: CoarseBone, center_mesh: Vector3, T_mesh_upright: Pose) -> C
     Raises:
         InvalidInputError: the centre is off the bone, or on the inside.
     """
-    center = T_mesh_upright.inv() @ center_mesh
+    center = T_skull_upright.inv() @ center_skull
     heights = np.flatnonzero(bone.mask.any(axis=(0, 1))) * bone.voxel_mm[2]
     lowest = max(0, int(np.floor((heights.max() - 100.0) / bone.voxel_mm[2])) + 1)
     upper = bone.mask[:, :, lowest:]  # the braincase, without the face
@@ -250,7 +232,7 @@ def _place_at(bone: CoarseBone, center_mesh: Vector3, T_mesh_upright: Pose) -> C
     outward = center - middle
     length = float(np.linalg.norm(outward))
     if length < 1.0:
-        raise refused("a centre in the middle of the head", center=center_mesh.round(1).tolist())
+        raise refused("a centre in the middle of the head", center=center_skull.round(1).tolist())
     outward = outward / length
     step = 0.25 * float(bone.voxel_mm.min())
     t = np.arange(length + 60.0, 0.0, -step)  # inwards
@@ -267,7 +249,7 @@ def _place_at(bone: CoarseBone, center_mesh: Vector3, T_mesh_upright: Pose) -> C
     if off < -OFF_SURFACE_MM or off > (WITHIN_MM if within else OFF_SURFACE_MM):
         raise refused(
             "a centre off the bone",
-            center=center_mesh.round(1).tolist(),
+            center=center_skull.round(1).tolist(),
             nearest=_nearest_bone_mm(bone, center),
             off=abs(off),
             within=OFF_SURFACE_MM,

@@ -74,7 +74,7 @@ def begin_nrrd(file: BinaryIO, name: str) -> Voxels:
     shape = checked_shape(name, tuple(int(n) for n in header["sizes"]))
     _check_units(header, name)
     space = str(header.get("space", ""))
-    T_mesh_space, back = _hand(space, name)
+    to_right_handed, back = _hand(space, name)
     if int(header["dimension"]) != len(shape):
         raise InvalidInputError(f"{name}: its dimension is not that of its sizes: export it again")
     encoding = str(header["encoding"]).lower()
@@ -96,8 +96,8 @@ def begin_nrrd(file: BinaryIO, name: str) -> Voxels:
     if axes is None or np.shape(axes) != (3, 3) or origin.shape != (3,):
         raise refused("no directions", name=name)
     affine = np.eye(4)
-    affine[:3, :3] = T_mesh_space @ np.asarray(axes, dtype=np.float64).T
-    affine[:3, 3] = T_mesh_space @ origin
+    affine[:3, :3] = to_right_handed @ np.asarray(axes, dtype=np.float64).T
+    affine[:3, 3] = to_right_handed @ origin
     return Voxels(shape, affine, back, slabs)
 
 

@@ -173,6 +173,11 @@ REFUSALS: dict[str, Refusal] = {
         "seems to be filled",
         "give the filled cavity as inner file, or the bone alone",
     ),
+    "a drawn surface off the bone": Refusal(
+        "{name}: its drawn surface, which the robot keeps clear of, would be {worst:.1f} mm off "
+        "its bone at {place}; at most {most:g} mm are allowed",
+        "resample the file to voxels of about 1 mm, or choose another centre",
+    ),
 }
 
 

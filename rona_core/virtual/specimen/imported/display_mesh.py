@@ -62,7 +62,7 @@ def _onto_bone(vertices: Floats, bone: CoarseBone) -> Floats:
     places, ways = np.concatenate(middles), np.concatenate(normals)
     off = vertices - bone.origin_upright
     tree = KDTree(places)
-    _, near = tree.query(off, k=WALLS)
+    near = np.asarray(tree.query(off, k=WALLS)[1], dtype=np.int64)
     normal = ways[near].mean(axis=1)
     length = np.linalg.norm(normal, axis=1, keepdims=True)
     normal = normal / np.maximum(length, 1e-9)

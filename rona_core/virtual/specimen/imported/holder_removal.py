@@ -43,7 +43,7 @@ class FreedBone:
         """Raise InvalidInputError if a disc reaches to where something was cut off."""
         off = np.linalg.norm(self.cuts_upright - center_upright, axis=1)
         if len(off) and off.min() < radius_mm + NEAR_MM:
-            center = self.bone.T_mesh_upright @ center_upright
+            center = self.bone.T_skull_upright @ center_upright
             raise refused(
                 "a disc where the head was held", center=center.round(1).tolist(), off=off.min()
             )

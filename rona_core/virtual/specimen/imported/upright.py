@@ -54,14 +54,15 @@ def stand_as_the_bone_does(bone: BoneVolume) -> BoneVolume:
     behind = None
     if side is not None:
         turns = [turn for turn in turns if abs(turn[0, side]) == 1.0]
-        behind = _behind(solid, middle, edge_mm, up, np.cross(up, np.eye(3)[side]))
+        forth: Vector3 = np.asarray(np.cross(up, np.eye(3)[side]), dtype=np.float64)
+        behind = _behind(solid, middle, edge_mm, up, forth)
         turns = [t for t in turns if behind is None or (t[1] == behind).all()]
-    T_upright_voxel, T_mesh_upright = upright_frame(bone.T_mesh_voxel(), turns)
-    along = float(T_mesh_upright.rotation[:, 1] @ bone.T_mesh_upright.rotation[:, 1])
+    T_upright_voxel, T_skull_upright = upright_frame(bone.T_skull_voxel(), turns)
+    along = float(T_skull_upright.rotation[:, 1] @ bone.T_skull_upright.rotation[:, 1])
     return replace(
         bone,
         T_upright_voxel=T_upright_voxel,
-        T_mesh_upright=T_mesh_upright,
+        T_skull_upright=T_skull_upright,
         back=round(bone.back * along) if behind is None else 1,
     )
 

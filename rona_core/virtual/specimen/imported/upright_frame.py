@@ -16,21 +16,21 @@ TURNS = tuple(
 )  # rows: x, y and z of ``upright`` along the axes of the voxels; of either handedness
 
 
-def upright_frame(T_mesh_voxel: Floats, turns: Sequence[Floats] = TURNS) -> tuple[Floats, Pose]:
+def upright_frame(T_skull_voxel: Floats, turns: Sequence[Floats] = TURNS) -> tuple[Floats, Pose]:
     """Return how voxels lie in ``upright``, and where that is in the coordinates of the file.
 
     Of the turns it takes the one whose axes lie nearest to those of the file. ``upright`` is
     right-handed as the file's coordinates are; of voxels of the other hand an axis runs backwards.
 
     Args:
-        T_mesh_voxel: Coordinates of an index in the file, (4, 4); a grid at right angles.
+        T_skull_voxel: Coordinates of an index in the file, (4, 4); a grid at right angles.
         turns: Rows are the axes of ``upright`` among those of the voxels, (3, 3) each.
 
     Returns:
-        T_upright_voxel (4, 4), along the axes, and the pose T_mesh_upright; their product is
-        T_mesh_voxel but for what the header has rounded.
+        T_upright_voxel (4, 4), along the axes, and the pose T_skull_upright; their product is
+        T_skull_voxel but for what the header has rounded.
     """
-    columns = T_mesh_voxel[:3, :3]
+    columns = T_skull_voxel[:3, :3]
     edges = np.linalg.norm(columns, axis=0)
     u, _, v = np.linalg.svd(columns / edges)
     axes = u @ v  # the orthogonal matrix next to that of the header
@@ -39,4 +39,4 @@ def upright_frame(T_mesh_voxel: Floats, turns: Sequence[Floats] = TURNS) -> tupl
     turn = max(proper, key=lambda turn: float(np.trace(axes @ turn.T)))
     T_upright_voxel = np.eye(4)
     T_upright_voxel[:3, :3] = turn * edges.round(DIGITS)
-    return T_upright_voxel, Pose(axes @ turn.T, T_mesh_voxel[:3, 3])
+    return T_upright_voxel, Pose(axes @ turn.T, T_skull_voxel[:3, 3])

@@ -30,15 +30,15 @@ class BoneVolume:
     T_upright_voxel: Floats  # (4, 4): upright coordinates of an index, in mm, along the axes
     back: int  # +1 if y grows to the back of the upright head, -1 to the front, 0 unknown
     grey: bool  # it came from grey values and a threshold
-    T_mesh_upright: Pose = field(default_factory=Pose.identity)  # in the coordinates of the file
+    T_skull_upright: Pose = field(default_factory=Pose.identity)  # in the coordinates of the file
 
     def voxel_mm(self) -> Floats:
         """Return the edges (3,) of a voxel."""
         return np.linalg.norm(self.T_upright_voxel[:3, :3], axis=0)
 
-    def T_mesh_voxel(self) -> Floats:  # noqa: N802 (frame grammar)
+    def T_skull_voxel(self) -> Floats:  # noqa: N802 (frame grammar)
         """Return the coordinates of an index in the file, (4, 4)."""
-        return self.T_mesh_upright.matrix() @ self.T_upright_voxel
+        return self.T_skull_upright.matrix() @ self.T_upright_voxel
 
 
 def read_volume(path: Path, threshold: float | None, label: int | None = None) -> BoneVolume:
@@ -80,10 +80,10 @@ def read_volume(path: Path, threshold: float | None, label: int | None = None) -
         raise refused("too little bone", name=name, bone_cm3=bone_mm3 / 1000.0, least_cm3=least)
     if share > MOST_BONE_SHARE:
         raise refused("too much bone", name=name, share=share)
-    T_upright_voxel, T_mesh_upright = upright_frame(affine)
-    along = voxels.back * float(T_mesh_upright.rotation[1, 1])  # the file's y
+    T_upright_voxel, T_skull_upright = upright_frame(affine)
+    along = voxels.back * float(T_skull_upright.rotation[1, 1])  # the file's y
     back = int(np.sign(along)) if abs(along) > ALONG else 0
-    return BoneVolume(mask, T_upright_voxel, back, threshold is not None, T_mesh_upright)
+    return BoneVolume(mask, T_upright_voxel, back, threshold is not None, T_skull_upright)
 
 
 @dataclass(slots=True)
@@ -151,7 +151,7 @@ def without(outer: BoneVolume, inner: BoneVolume) -> BoneVolume:
         InvalidInputError: different grids, or a cavity that reaches out of the head.
     """
     same = outer.mask.shape == inner.mask.shape and np.allclose(
-        outer.T_mesh_voxel(), inner.T_mesh_voxel(), atol=1e-3
+        outer.T_skull_voxel(), inner.T_skull_voxel(), atol=1e-3
     )
     if not same:
         raise refused("two grids", outer=outer.mask.shape, inner=inner.mask.shape)
@@ -162,7 +162,7 @@ def without(outer: BoneVolume, inner: BoneVolume) -> BoneVolume:
         worst = int(depth.argmax())
         if depth[worst] > TOUCHING_VOXELS * outer.voxel_mm().max():
             voxel = beyond[:: max(1, len(beyond) // MOST_TRIED)][worst]
-            T = outer.T_mesh_voxel()
+            T = outer.T_skull_voxel()
             raise refused(
                 "an inner volume outside the outer one",
                 outside=len(beyond) / float(np.count_nonzero(inner.mask)),

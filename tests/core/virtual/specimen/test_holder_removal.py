@@ -101,7 +101,7 @@ def test_a_holder_is_taken_away_and_the_head_is_not(name, tmp_path):
     left = freed.bone.mask & holder
     assert left.sum() < 0.03 * holder.sum()
     # what is left lies against the head, where something was cut off
-    cuts = freed.bone.T_mesh_upright @ freed.cuts_upright
+    cuts = freed.bone.T_skull_upright @ freed.cuts_upright
     apart = places()[left] + SHIFT_MM
     for place in apart[:: max(1, len(apart) // 50)]:
         assert np.linalg.norm(cuts - place, axis=1).min() < 40.0

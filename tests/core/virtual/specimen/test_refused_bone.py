@@ -59,6 +59,12 @@ def grey():
     return (2200.0 * gaussian_filter(head().astype(np.float32), 0.7) - 1000.0).astype(np.int16)
 
 
+def dust():
+    mask = np.zeros(head().shape, dtype=np.uint8)
+    mask[20:28, 20:28, 20:28] = 1
+    return mask
+
+
 def labels():
     return (2 * head() + cavity()).astype(np.uint8)
 
@@ -219,7 +225,7 @@ FILES = {
         loaded_with(grey, threshold=9e3),
         loaded_with(grey, threshold=100.0),
     ),
-    "too little bone": (loaded_with(grey, threshold=1190.0), loaded_with(grey, threshold=100.0)),
+    "too little bone": (loaded_with(dust), nrrd_with()),
     "too much bone": (loaded_with(lambda: 1 - head().astype(np.uint8)), nrrd_with()),
     "two grids": (
         two(filled, cavity, placed() @ np.diag((1.1, 1, 1, 1.0))),
