@@ -17,11 +17,14 @@ from rona_core.session.specimen import LoadedSkull
 from rona_core.virtual.specimen.import_skull import import_skull
 from rona_core.virtual.specimen.imported import mesh_reader
 from rona_core.virtual.specimen.imported.imported_skull import check_drawn
+from tests.core.virtual.specimen import test_holder_removal as holders
 from tests.helpers.bone_files import BONE_MM, CENTER_MM, RADII_MM, as_nrrd, head, parts, placed
 
 pytestmark = pytest.mark.slow
 
 PAGE = Path(__file__).resolve().parents[4] / "docs/algorithms/virtual_world/loaded_skull.md"
+# where a pin meets that head, 45 mm up
+PIN_MM = np.array((-54.0, 44.0, 45.0))
 
 
 def load(path, **arguments):
@@ -138,19 +141,33 @@ def too_many(folder):
     return load(folder / "a.nrrd")
 
 
-def held():
-    """Return a head on a table that touches it at the back."""
-    mask = np.pad(head(), ((0, 0), (0, 0), (0, 0)))
-    wide = np.zeros((mask.shape[0] + 90, mask.shape[1], mask.shape[2]), dtype=np.uint8)
-    wide[45:-45] = mask
-    wide[:, -16:-8] = 1
-    return wide
+def held_at_the_pin(folder):
+    """A disc where a pin of the holder of another head stood."""
+    mask = holders.head() | holders.HOLDERS["ring with pins"]()
+    path = holders.saved(mask, folder / "held.nii")
+    center = holders.SHIFT_MM + PIN_MM
+    return import_skull(path, center=center, radius_mm=8.0)
 
 
-def on_the_table(center):
-    affine = placed()
-    affine[0, 3] -= 45 * 2.0
-    return lambda folder: load(as_nrrd(folder / "a.nrrd", held(), affine), center=center)
+def without_the_holder(folder):
+    path = holders.saved(holders.head(), folder / "alone.nii")
+    return import_skull(path, center=holders.SHIFT_MM + PIN_MM, radius_mm=8.0)
+
+
+def riddled():
+    mask = head().copy()
+    y, z = np.ogrid[: mask.shape[1], : mask.shape[2]]
+    mask[:, (y % 8 < 2) & (z % 8 < 2)] = False
+    return mask.astype(np.uint8)
+
+
+def middle():
+    """Return the middle (3,) of the box about the upper 100 mm of the head."""
+    top = np.flatnonzero(head().any(axis=(0, 1)))[-1]
+    lowest = top - 50 + 1
+    places = np.argwhere(head()[:, :, lowest:]) + (0, 0, lowest)
+    span = places.min(axis=0) + places.max(axis=0)
+    return placed()[:3, 3] + 0.5 * span * 2.0
 
 
 def off_its_bone(folder):
@@ -256,12 +273,9 @@ FILES = {
         meshes(shell),
     ),
     "a centre off the bone": (loaded_with(center=CENTER_MM + (9.0, 0.0, 0.0)), loaded_with()),
-    "a centre in the middle of the head": (loaded_with(center=(0.0, 0.0, -20.0)), loaded_with()),
-    "no whole patch": (loaded_with(center=None, radius_mm=45.0), loaded_with(center=None)),
-    "a disc where the head was held": (
-        on_the_table((0.0, RADII_MM[1], 0.0)),
-        on_the_table(CENTER_MM * (1.0, 0.0, 1.0) + (RADII_MM[0] * 0.025, 0.0, 0.0)),
-    ),
+    "a centre in the middle of the head": (loaded_with(center=middle()), loaded_with()),
+    "no whole patch": (loaded_with(riddled, center=None), loaded_with(center=None)),
+    "a disc where the head was held": (held_at_the_pin, without_the_holder),
     "holes in the disc": (loaded_with(pierced, radius_mm=15.0), loaded_with(radius_mm=15.0)),
     "bone without an inner surface": (loaded_with(filled), two(filled, cavity)),
     "a drawn surface off the bone": (off_its_bone, nrrd_with()),
