@@ -43,7 +43,7 @@ COMPILED := PYTHONDONTWRITEBYTECODE=
 IN_FILES := --dist loadfile --no-loadscope-reorder
 EXAMPLES ?= 1
 # suites of `make reliability`
-RELIABILITY := kills saving stop connections
+RELIABILITY := kills saving stop connections readers
 # seconds: stops a run that hangs
 TEST_LIMIT ?= 3600
 

@@ -43,6 +43,7 @@ SUITES: Mapping[str, str] = {
     "saving": "reliability",
     "stop": "reliability",
     "connections": "reliability",
+    "readers": "reliability",
     "procedure": "procedure",
     "mounting": "procedure",
     "head_motion": "procedure",

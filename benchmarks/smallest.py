@@ -193,6 +193,7 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
         "suites.reliability.connections.CONNECTIONS": 6,
         "suites.reliability.connections.KINDS": {"nothing": ("", b"", 10.0)},
     },
+    "readers": {"suites.reliability.readers.INPUTS": 60, "suites.reliability.readers.APART": ()},
     "procedure": {
         "suites.procedure.procedure.SEEDS": (0,),
         "suites.procedure.procedure.run_demo": short_procedure,

@@ -4,7 +4,7 @@ import time
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from rona_core.app.declarations.declarations import Compute, compute_here
 from rona_core.app.dependencies.inputs import require_result
@@ -31,7 +31,7 @@ from rona_core.app.steps.setup.messages import (
     SetWorld,
     StoreSkull,
 )
-from rona_core.devices.protocols import Cancel, Progress, Rig, never
+from rona_core.devices.protocols import Cancel, Progress, Rig, Work, never
 from rona_core.devices.world_settings import REALISTIC_WORLD, WorldSettings
 from rona_core.errors import DeviceError, RonaError
 from rona_core.evaluation.maps.map_errors import errors_of_maps
@@ -91,9 +91,8 @@ def read_skull(
     threshold: float | None,
     center_mesh_mm: tuple[float, float, float] | None,
     radius_mm: float,
-    *,
-    progress: Progress,
-    cancel: Cancel,
+    label: int | None = None,
+    **work: Unpack[Work],
 ) -> LoadedSkull:
     """Read a skull from a file; picklable, so that it can run in another process."""
     from rona_core.virtual.specimen.import_skull import import_skull  # readers of many formats
@@ -102,10 +101,10 @@ def read_skull(
         path,
         inner=inner,
         threshold=threshold,
+        label=label,
         center=center_mesh_mm,
         radius_mm=radius_mm,
-        progress=progress,
-        cancel=cancel,
+        **work,
     )
 
 
@@ -190,6 +189,7 @@ class DemoSkull:
     threshold: float | None = None  # of the bone in a CT volume
     center: tuple[float, float, float] | None = None  # of the region, in mm of the file
     radius: float | None = None  # of the region in mm, 25 if not given
+    label: int | None = None  # of the bone in a map of labels
 
     @property
     def name(self) -> str:
@@ -287,6 +287,7 @@ def _put_on_the_table(
             skull.threshold,
             skull.center,
             radius_mm,
+            skull.label,
             progress=progress,
             cancel=cancel,
         )

@@ -4,7 +4,7 @@ A capture runs on its own clock: ``Rig.begin`` sets it to 0. A virtual clock jum
 """
 
 from collections.abc import Callable, Iterator
-from typing import Literal, Protocol
+from typing import Literal, Protocol, TypedDict
 
 from numpy.typing import ArrayLike
 
@@ -26,6 +26,13 @@ def never() -> bool:
 
 def silent(share: float) -> None:
     """Nobody watches: the default of ``progress``."""
+
+
+class Work(TypedDict, total=False):
+    """How a long computation reports and is stopped."""
+
+    progress: Progress
+    cancel: Cancel
 
 
 class Clock(Protocol):

@@ -3,7 +3,7 @@
 Coordinates are those of the specimen (``skull``): for a file, the coordinates of that file.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar, Literal, get_args
 
 import numpy as np
@@ -75,6 +75,8 @@ class LoadedSkull:
     normal_skull: Vector3  # outward
     radius_mm: float
     mean_thickness_mm: float  # along the inward normals over the disc
+    # value of bone in a map of labels; sessions of before have none
+    label: int | None = field(default=None, metadata={"omit_empty": True})
 
     def __post_init__(self) -> None:
         if self.distance_um.ndim != 3 or min(self.distance_um.shape) < 8:

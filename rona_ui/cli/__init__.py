@@ -141,6 +141,8 @@ def _add_demo(verbs: Any) -> None:
     verb.add_argument(
         "--threshold", type=float, metavar="V", help="bone threshold of a CT, in its own units"
     )
+    text = "value of bone in a map of several labels"
+    verb.add_argument("--label", type=int, metavar="N", help=text)
     verb.add_argument(
         "--center",
         type=float,

@@ -38,6 +38,7 @@ def run(wanted: Any) -> int:
                 wanted.threshold,
                 None if wanted.center is None else tuple(wanted.center),
                 wanted.radius,
+                wanted.label,
             ),
             robot=wanted.robot,
             world=WorldSettings(wanted.world),
@@ -59,7 +60,7 @@ def run(wanted: Any) -> int:
 def _check(wanted: Any) -> None:
     """Refuse what would fail only at the end of the procedure, or mean nothing in it."""
     if wanted.specimen == "simulated":
-        for name in ("inner", "threshold"):
+        for name in ("inner", "threshold", "label"):
             if getattr(wanted, name) is not None:
                 raise InvalidInputError(f"--{name} belongs to a --specimen from a file: name one")
     if wanted.world not in get_args(WorldProfile):

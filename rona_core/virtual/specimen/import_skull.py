@@ -4,30 +4,37 @@ import hashlib
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rona_core.devices.files.triangle_file import MESH_SUFFIXES
+from rona_core.devices.files.voxels.refusals import refused
 from rona_core.devices.files.voxels.voxel_reader import VOLUME_SUFFIXES
-from rona_core.devices.protocols import Cancel, Progress, never, silent
+from rona_core.devices.protocols import Cancel, Progress, Work, never, silent
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.geometry.arrays import Vector3, as_vector3, readonly
+from rona_core.geometry.pose import Pose
 from rona_core.session.specimen import LoadedSkull
 from rona_core.virtual.specimen.boundaries import RADII_MM
 from rona_core.virtual.specimen.imported.display_mesh import display_mesh
 from rona_core.virtual.specimen.imported.distance_grid import (
+    BELOW_MM,
     as_micrometres,
     distance_from_mesh,
     distance_from_volume,
     grid_about,
     raised,
+    without_small_pieces,
 )
 from rona_core.virtual.specimen.imported.holder_removal import without_holder
 from rona_core.virtual.specimen.imported.imported_skull import (
     OFF_SURFACE_MM,
     WITHIN_MM,
     LoadedSpecimen,
+    check_drawn,
+    drawn_on_level,
 )
 from rona_core.virtual.specimen.imported.mesh_reader import (
     BoneMesh,
@@ -42,6 +49,7 @@ from rona_core.virtual.specimen.imported.region_choice import (
     choose_region,
     coarse_bone,
 )
+from rona_core.virtual.specimen.imported.upright import stand_as_the_bone_does
 from rona_core.virtual.specimen.imported.volume_reader import (
     BoneVolume,
     read_volume,
@@ -49,6 +57,7 @@ from rona_core.virtual.specimen.imported.volume_reader import (
 )
 
 COARSE_MM = 1.25  # voxels in which a mesh is looked over
+FILLED = 0.5  # share of the bone met that has no inner boundary in a head that is filled
 WHOLE = 0.98  # share of the disc whose thickness must exist
 
 
@@ -57,10 +66,10 @@ def import_skull(
     *,
     inner: str | Path | None = None,
     threshold: float | None = None,
+    label: int | None = None,
     center: ArrayLike | None = None,
     radius_mm: float = 25.0,
-    progress: Progress = silent,
-    cancel: Cancel = never,
+    **work: Unpack[Work],
 ) -> LoadedSkull:
     """Read the bone of a skull and fix its boundaries about the disc to be scanned.
 
@@ -69,11 +78,12 @@ def import_skull(
             and x to a side. With ``inner``, the filled head; else the bone itself.
         inner: The filled cavity of the head, a file of the same kind.
         threshold: Grey value from which a voxel is bone; needed for a CT only.
-        center: Centre of the disc (3,) on the outer surface, in coordinates of the file; None
-            chooses a smooth, whole place on the side of the head.
+        label: Value of bone, needed for a map of several labels only.
+        center: Centre of the disc (3,) on the outer surface, in coordinates of the file (left,
+            posterior, superior where those are left-handed); None chooses a smooth, whole place on
+            the side of the head.
         radius_mm: Radius of the disc.
-        progress: Told the share done, 0 to 1.
-        cancel: Asked between the steps.
+        work: ``progress``, called with the share done, and ``cancel``, called between the steps.
 
     Raises:
         InvalidInputError: a file or value that does not fit; says what was expected.
@@ -84,29 +94,28 @@ def import_skull(
         raise InvalidInputError(f"radius_mm must be {low:g} to {high:g}, not {radius_mm}")
     chosen = None if center is None else as_vector3(center, name="center")
     paths = [Path(path)] if inner is None else [Path(path), Path(inner)]
-    step = _stepper(progress, cancel)
+    step = _stepper(work.get("progress", silent), work.get("cancel", never))
     step(0.02)
-    source = _read(paths, threshold)
-    freed = without_holder(source) if isinstance(source, BoneVolume) else None
-    source = source if freed is None else freed.bone
+    source = _read(paths, threshold, label)
+    freed, T_skull_upright = None, Pose.identity()
+    if isinstance(source, BoneVolume):
+        freed = without_holder(stand_as_the_bone_does(source))
+        source, T_skull_upright = freed.bone, freed.bone.T_skull_upright
     step(0.25)
     coarse = _look_over(source)
     step(0.4)
-    if chosen is None:
-        choice = choose_region(coarse, radius_mm)
-    else:
-        choice = _place_at(coarse, chosen)
-    if freed is not None:
-        freed.require_whole(choice.center_skull, radius_mm)
-    draft = _draft(source, coarse, choice, float(radius_mm), step)
-    result = _settle(
-        replace(
-            draft,
-            name=paths[0].name,
-            sha256=tuple(map(_sha256, paths)),
-            threshold=threshold,
-        )
+    choice = (
+        choose_region(coarse, radius_mm)
+        if chosen is None
+        else _place_at(coarse, chosen, T_skull_upright)
     )
+    if freed is not None:
+        freed.require_whole(choice.center_upright, radius_mm)
+    draft = _draft(source, coarse, choice, float(radius_mm), T_skull_upright, step)
+    sha256 = tuple(map(_sha256, paths))
+    draft = replace(draft, name=paths[0].name, sha256=sha256, threshold=threshold, label=label)
+    result = _settle(draft)
+    check_drawn(result)
     step(1.0)
     return result
 
@@ -116,21 +125,24 @@ def _draft(
     coarse: CoarseBone,
     choice: Choice,
     radius_mm: float,
+    T_skull_upright: Pose,
     step: Callable[[float], None],
 ) -> LoadedSkull:
-    """Return the skull with its distance field and its mesh, still without name and thickness."""
-    grid = grid_about(choice.center_skull, choice.outward_skull, radius_mm)
+    """Return the skull without name and thickness; all of it is moved by the one transform."""
+    grid = grid_about(choice.center_upright, choice.outward_upright, radius_mm)
     half_mm = 0.5 * grid.spacing_mm * (grid.shape[0] - 1)
-    grid = raised(grid, coarse.highest_mm(choice.center_skull, grid.axes_skull, half_mm))
+    grid = raised(grid, coarse.highest_mm(choice.center_upright, grid.axes_upright, half_mm))
     if isinstance(source, BoneMesh):
         kind, distance, smoothing_mm = "mesh", distance_from_mesh(source, grid), 0.0
     else:
         kind = "ct" if source.grey else "mask"
+        source = without_small_pieces(source, grid)
+        coarse = _look_over(source)  # what is drawn is what is measured
         distance, smoothing_mm = distance_from_volume(source, grid)
     step(0.8)
     vertices, faces = display_mesh(coarse)
     step(0.95)
-    return LoadedSkull(
+    draft = LoadedSkull(
         name="",
         kind=kind,
         sha256=(),
@@ -138,15 +150,18 @@ def _draft(
         smoothing_mm=smoothing_mm,
         distance_um=as_micrometres(distance),
         spacing_mm=grid.spacing_mm,
-        origin_skull=grid.origin_skull,
-        axes_skull=grid.axes_skull,
-        mesh_vertices_skull=vertices.astype(np.float32),
+        origin_skull=T_skull_upright @ grid.origin_upright,
+        axes_skull=T_skull_upright.rotate(grid.axes_upright.T).T,
+        mesh_vertices_skull=(T_skull_upright @ vertices).astype(np.float32),
         mesh_faces=faces.astype(np.int32),
-        center_skull=choice.center_skull,
-        normal_skull=choice.outward_skull,
+        center_skull=T_skull_upright @ choice.center_upright,
+        normal_skull=T_skull_upright.rotate(choice.outward_upright),
         radius_mm=radius_mm,
         mean_thickness_mm=0.0,
     )
+    if isinstance(source, BoneMesh):
+        return draft
+    return drawn_on_level(draft, float(source.voxel_mm().max()))
 
 
 def _sha256(path: Path) -> str:
@@ -163,29 +178,31 @@ def _stepper(progress: Progress, cancel: Cancel) -> Callable[[float], None]:
     return step
 
 
-def _read(paths: list[Path], threshold: float | None) -> BoneVolume | BoneMesh:
+def _read(paths: list[Path], threshold: float | None, label: int | None) -> BoneVolume | BoneMesh:
     for path in paths:
         if not path.is_file():
             raise InvalidInputError(f"there is no file {path}: check the path")
     volumes = [path.name.lower().endswith(VOLUME_SUFFIXES) for path in paths]
     meshes = [path.name.lower().endswith(MESH_SUFFIXES) for path in paths]
     if all(volumes):
-        parts = [read_volume(path, threshold) for path in paths]
+        parts = [read_volume(path, threshold, label) for path in paths]
         return parts[0] if len(parts) == 1 else without(parts[0], parts[1])
     if all(meshes):
-        if threshold is not None:
-            raise InvalidInputError("a mesh has no grey values: leave the threshold out")
+        if threshold is not None or label is not None:
+            raise refused("a threshold for a mesh")
         surfaces = [read_mesh(path) for path in paths]
         return surfaces[0] if len(surfaces) == 1 else joined(surfaces[0], surfaces[1])
-    raise InvalidInputError(
-        f"cannot load {', '.join(path.name for path in paths)}: expected a volume "
-        f"({', '.join(VOLUME_SUFFIXES)}) or a mesh ({', '.join(MESH_SUFFIXES)}), both files alike"
+    raise refused(
+        "files of different kinds",
+        names=", ".join(path.name for path in paths),
+        volumes=", ".join(VOLUME_SUFFIXES),
+        meshes=", ".join(MESH_SUFFIXES),
     )
 
 
 def _look_over(source: BoneVolume | BoneMesh) -> CoarseBone:
     if isinstance(source, BoneVolume):
-        return coarse_bone(source.mask, source.T_skull_voxel, source.back)
+        return coarse_bone(source.mask, source.T_upright_voxel, source.back)
     low, high = source.bounds()
     low = low - 2.0 * COARSE_MM
     nx, ny, nz = np.ceil((high - low) / COARSE_MM).astype(int) + 3
@@ -196,29 +213,30 @@ def _look_over(source: BoneVolume | BoneMesh) -> CoarseBone:
     return CoarseBone(mask, low, np.full(3, COARSE_MM), 0)
 
 
-def _place_at(bone: CoarseBone, center: Vector3) -> Choice:
-    """Return the outer surface at ``center``, on the line to it from the middle of the head.
+def _place_at(bone: CoarseBone, center_skull: Vector3, T_skull_upright: Pose) -> Choice:
+    """Return the outer surface at a centre (3,), on the line to it from the middle of the head.
 
     Other bone on that line, farther out or in, does not count.
 
     Raises:
         InvalidInputError: the centre is off the bone, or on the inside.
     """
+    center = T_skull_upright.inv() @ center_skull
     heights = np.flatnonzero(bone.mask.any(axis=(0, 1))) * bone.voxel_mm[2]
     lowest = max(0, int(np.floor((heights.max() - 100.0) / bone.voxel_mm[2])) + 1)
     upper = bone.mask[:, :, lowest:]  # the braincase, without the face
     places = [np.flatnonzero(np.asarray(upper.any(axis=axes))) for axes in ((1, 2), (0, 2), (0, 1))]
     places[2] = places[2] + lowest
     span = np.array([place[0] + place[-1] for place in places])
-    middle: Vector3 = bone.origin_skull + 0.5 * span * bone.voxel_mm
+    middle: Vector3 = bone.origin_upright + 0.5 * span * bone.voxel_mm
     outward = center - middle
     length = float(np.linalg.norm(outward))
     if length < 1.0:
-        raise InvalidInputError("the centre lies in the middle of the head: choose one on the bone")
+        raise refused("a centre in the middle of the head", center=center_skull.round(1).tolist())
     outward = outward / length
     step = 0.25 * float(bone.voxel_mm.min())
     t = np.arange(length + 60.0, 0.0, -step)  # inwards
-    index = np.round((middle + t[:, None] * outward - bone.origin_skull) / bone.voxel_mm)
+    index = np.round((middle + t[:, None] * outward - bone.origin_upright) / bone.voxel_mm)
     held = ((index >= 0) & (index < bone.mask.shape)).all(axis=1)
     i, j, k = np.where(np.asarray(held)[:, None], index, 0).astype(int).T
     solid = np.flatnonzero(bone.mask[i, j, k] & held)
@@ -229,19 +247,19 @@ def _place_at(bone: CoarseBone, center: Vector3) -> Choice:
     # from within the bone it goes out to the surface, but not from the cavity
     within = bool(len(solid)) and np.abs(t[solid] - length).min() <= OFF_SURFACE_MM
     if off < -OFF_SURFACE_MM or off > (WITHIN_MM if within else OFF_SURFACE_MM):
-        nearest = _nearest_bone_mm(bone, center)
-        raise InvalidInputError(
-            f"the centre {center.round(1).tolist()} must lie on the outer surface, but it is "
-            f"{nearest:.1f} mm from the nearest bone, and {abs(off):.1f} mm from the surface on "
-            f"the line from the middle of the head: choose a point within "
-            f"{OFF_SURFACE_MM:g} mm of the surface"
+        raise refused(
+            "a centre off the bone",
+            center=center_skull.round(1).tolist(),
+            nearest=_nearest_bone_mm(bone, center),
+            off=abs(off),
+            within=OFF_SURFACE_MM,
         )
     return Choice(center + off * outward, outward)
 
 
 def _nearest_bone_mm(bone: CoarseBone, center: Vector3) -> float:
     off = [
-        bone.origin_skull[axis] + bone.voxel_mm[axis] * np.arange(n) - center[axis]
+        bone.origin_upright[axis] + bone.voxel_mm[axis] * np.arange(n) - center[axis]
         for axis, n in enumerate(bone.mask.shape)
     ]
     flat = off[1][:, None] ** 2 + off[2] ** 2
@@ -259,7 +277,11 @@ def _settle(draft: LoadedSkull) -> LoadedSkull:
     """
     specimen = LoadedSpecimen(draft, radius_mm=draft.radius_mm)
     region = specimen.region
-    across = np.linalg.svd(region.normal_skull[None])[2][1:]
+    first = draft.axes_skull[:, 0] - (draft.axes_skull[:, 0] @ region.normal_skull) * (
+        region.normal_skull
+    )
+    first = first / np.linalg.norm(first)
+    across = np.stack((first, np.cross(region.normal_skull, first)))
     side = np.arange(-draft.radius_mm, draft.radius_mm + 1e-9, 1.0)
     lattice = np.stack(np.meshgrid(side, side, indexing="ij"), axis=-1).reshape(-1, 2)
     lattice = lattice[np.linalg.norm(lattice, axis=1) <= draft.radius_mm]
@@ -269,12 +291,16 @@ def _settle(draft: LoadedSkull) -> LoadedSkull:
     points = o[np.isfinite(t)] + t[np.isfinite(t), None] * d[np.isfinite(t)]
     thickness = specimen.thickness(points, -specimen.normal(points))
     valid = np.isfinite(thickness)
-    share = float(valid.sum()) / len(lattice)
+    share, met = float(valid.sum()) / len(lattice), len(points) / len(lattice)
     if share < WHOLE:
-        raise InvalidInputError(
-            f"only {share:.0%} of the disc about {region.center_skull.round(1).tolist()} is bone "
-            f"with both boundaries: choose another centre or a smaller radius"
-        )
+        center = region.center_skull.round(1).tolist()
+        # below most holes of real bone there is some on either side; a filled head has no inside
+        if met - share > FILLED * met:
+            deep = 1.0 - share / met
+            raise refused(
+                "bone without an inner surface", share=deep, center=center, depth=BELOW_MM
+            )
+        raise refused("holes in the disc", share=share, center=center, missing=1.0 - share)
     return replace(
         draft,
         center_skull=readonly(region.center_skull.copy()),

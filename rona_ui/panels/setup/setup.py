@@ -18,7 +18,7 @@ from rona_core.app.steps.setup.messages import (
 from rona_core.app.steps.setup.robot_parameters import robot_figures
 from rona_core.devices.settings import ROBOTS
 from rona_core.devices.world_settings import REALISTIC_WORLD
-from rona_core.errors import RonaError
+from rona_core.errors import InvalidInputError, RonaError
 from rona_core.session.document import Session
 from rona_ui.panels.setup.obstacles import WorkcellFields
 from rona_ui.panels.setup.probe import ProbeFields
@@ -89,11 +89,13 @@ class SetupPanel(StepPanel):
             gui.add_html(
                 style.text(
                     "A mask or CT volume (NRRD, NIfTI) or a mesh (STL, PLY, OBJ), in mm. A "
-                    "CT volume needs a bone threshold."
+                    "CT volume needs a bone threshold, a map of several labels that of bone."
                 )
             )
             hint = "Leave empty for masks and meshes"
             self._threshold = gui.add_text("Bone threshold", "", hint=hint)
+            hint = "Value of bone in a map of several labels; leave empty for others"
+            self._label = gui.add_text("Bone label", "", hint=hint)
             self._upload = gui.add_upload_button(
                 "Load skull file…", icon="upload", mime_type=FILES, color="gray"
             )
@@ -107,11 +109,15 @@ class SetupPanel(StepPanel):
         uploaded = self._upload.value
         name = PurePath(uploaded.name.replace("\\", "/")).name
         wanted = self._threshold.value.strip()
+        label = self._label.value.strip()
         self.context.service(f"upload:{name}", event, uploaded.content)
         radius_mm = self.form.value("radius_mm")
         self.context.send(
             lambda: StartSkullImport(
-                name, threshold=read_number(wanted) if wanted else None, radius_mm=radius_mm
+                name,
+                threshold=read_number(wanted) if wanted else None,
+                radius_mm=radius_mm,
+                label=_whole(read_number(label)) if label else None,
             ),
             event,
         )
@@ -204,3 +210,14 @@ def figures_table(model: str) -> str:
         "Python: robot_model(name, overrides)."
     )
     return words + style.table(("",), (), cells)
+
+
+def _whole(number: float) -> int:
+    """Return a label.
+
+    Raises:
+        InvalidInputError: it is no whole number.
+    """
+    if not number.is_integer():
+        raise InvalidInputError(f"expected a whole number as bone label, not {number:g}")
+    return int(number)

@@ -64,10 +64,11 @@ def test_demo_passes_everything_on(run_demo, capsys, tmp_path):
         file.write_bytes(b"x")
     arguments = ["demo", "--seed", "5", "--specimen", str(bone), "--inner", str(inner)]
     arguments += ["--threshold", "300", "--center", "1", "-2", "3.5", "--radius", "20"]
+    arguments += ["--label", "2"]
     assert main([*arguments, "--robot", "rx90", "--world", "hard"]) == 0
     assert asked == {
         "seed": 5,
-        "skull": DemoSkull(str(bone), str(inner), 300.0, (1.0, -2.0, 3.5), 20.0),
+        "skull": DemoSkull(str(bone), str(inner), 300.0, (1.0, -2.0, 3.5), 20.0, 2),
         "robot": "rx90",
         "world": WorldSettings("hard"),
         "messages": PROCEDURE + IMPLANT,

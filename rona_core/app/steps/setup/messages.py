@@ -122,13 +122,17 @@ class SetPointer:
 
 @message
 class StartSkullImport:
-    """Read a skull from a file that was uploaded before: mask, CT with threshold, or mesh."""
+    """Read a skull from a file that was uploaded before: mask, CT with threshold, or mesh.
+
+    ``label`` is the value of bone in a map of several labels.
+    """
 
     file: str = limited(**FILE_NAME)
     inner_file: str | None = limited(None, **FILE_NAME)
     threshold: float | None = within(-1e9, 1e9, default=None)  # grey value, as the file has them
     center_mesh_mm: Point | None = like(RegionChoice, "center_mesh_mm")
     radius_mm: float = like(RegionChoice, "radius_mm")
+    label: int | None = within(0, 65_535, default=None)  # of bone in a map of labels
 
     def __post_init__(self) -> None:
         plain_name(self.file)

@@ -152,6 +152,7 @@ def import_uploaded_skull(
         activity.threshold,
         activity.center_mesh_mm,
         activity.radius_mm,
+        activity.label,
     )
     return (messages.StoreSkull(skull),)
 

@@ -6,10 +6,12 @@ from typing import Any, BinaryIO
 import nibabel
 import numpy as np
 
+from rona_core.devices.files.voxels.refusals import refused
 from rona_core.devices.files.voxels.voxel_layers import UNREAD, Voxels, checked_shape, layers_of
 from rona_core.errors import InvalidInputError
 
 GZIP_MAGIC = b"\x1f\x8b"
+UNITS_MM = {"meter": 1000.0, "micron": 0.001}
 KINDS = "fiu"  # values that can be compared: float, int, unsigned
 HEADERS = {348: nibabel.Nifti1Header, 540: nibabel.Nifti2Header}
 SINGLE_FILE = (b"n+1", b"n+2")  # a pair of header and image says ni1 or ni2
@@ -30,17 +32,14 @@ def begin_nifti(file: BinaryIO, name: str) -> Voxels:
         )
     header: Any = HEADERS[size](start + stream.read(size - 4))
     if bytes(header["magic"])[:3] not in SINGLE_FILE:
-        raise InvalidInputError(
-            f"{name} says that its voxels lie in another file, which is not opened: expected "
-            f"header and voxels in one .nii or .nii.gz file; export it again"
-        )
+        raise refused("voxels in another file", name=name)
     shape = tuple(int(n) for n in header.get_data_shape())
     while len(shape) > 3 and shape[-1] == 1:
         shape = shape[:-1]
     checked = checked_shape(name, shape)
     unit = header.get_xyzt_units()[0]
-    if unit in ("meter", "micron"):
-        raise InvalidInputError(f"{name} is in units of {unit}: expected millimetres")
+    if unit in UNITS_MM:
+        raise refused("another unit", name=name, unit=unit, factor=UNITS_MM[unit])
     dtype = header.get_data_dtype()
     if dtype.kind not in KINDS:
         raise InvalidInputError(f"{name} holds values of type {dtype}: expected numbers")

@@ -11,6 +11,7 @@ import nrrd
 import numpy as np
 from numpy.typing import NDArray
 
+from rona_core.devices.files.voxels.refusals import refused
 from rona_core.devices.files.voxels.voxel_layers import (
     UNREAD,
     Voxels,
@@ -20,17 +21,26 @@ from rona_core.devices.files.voxels.voxel_layers import (
     too_short,
 )
 from rona_core.errors import InvalidInputError
+from rona_core.geometry.arrays import Floats
 
 MAX_HEADER_BYTES = 1024**2
-# which way y grows: +1 to the back, -1 to the front, 0 not said
-BACK = {
-    "left-posterior-superior": 1,
-    "lps": 1,
-    "right-anterior-superior": -1,
-    "ras": -1,
-    "left-anterior-superior": -1,
-    "las": -1,
+# spaces without names of the head, and whether they are right-handed
+PLAIN_SPACES = {
+    "scanner-xyz": True,
+    "3d-right-handed": True,
+    "3d-left-handed": False,
 }
+# what an axis of a space grows to, in left, posterior, superior
+WAYS = {
+    "left": (1, 0, 0),
+    "right": (-1, 0, 0),
+    "posterior": (0, 1, 0),
+    "anterior": (0, -1, 0),
+    "superior": (0, 0, 1),
+    "inferior": (0, 0, -1),
+}
+MILLIMETRES = ("mm", "millimeter", "millimetre", "millimeters", "millimetres")
+UNITS_MM = {"m": 1e3, "cm": 10.0, "um": 1e-3, "\u00b5m": 1e-3, "\u03bcm": 1e-3, "micrometer": 1e-3}
 # the words that NRRD has for types of numbers
 NRRD_WORDS = {
     "i1": "signed char,int8,int8_t",
@@ -55,13 +65,16 @@ def begin_nrrd(file: BinaryIO, name: str) -> Voxels:
     end = re.search(rb"\r?\n[ \t]*\r?\n", start)
     if end is None:
         if re.search(rb"^data ?file[ \t]*:", start, re.MULTILINE | re.IGNORECASE):
-            raise InvalidInputError(_elsewhere(name))
+            raise refused("voxels in another file", name=name)
         raise InvalidInputError(f"{name} {UNREAD}NRRD: its header has no end")
     header: Any = nrrd.read_header(io.BytesIO(start[: end.end()]))
     keys = {str(key).lower().replace(" ", ""): key for key in header}
     if "datafile" in keys:
-        raise InvalidInputError(_elsewhere(name))
+        raise refused("voxels in another file", name=name)
     shape = checked_shape(name, tuple(int(n) for n in header["sizes"]))
+    _check_units(header, name)
+    space = str(header.get("space", ""))
+    to_right_handed, back = _hand(space, name)
     if int(header["dimension"]) != len(shape):
         raise InvalidInputError(f"{name}: its dimension is not that of its sizes: export it again")
     encoding = str(header["encoding"]).lower()
@@ -79,21 +92,48 @@ def begin_nrrd(file: BinaryIO, name: str) -> Voxels:
     if axes is None:
         spacings = header.get("spacings")
         axes = None if spacings is None else np.diag(spacings)
-    if axes is None:
-        raise InvalidInputError(
-            f"{name} {UNREAD}NRRD: it does not say how large its voxels are; export again"
-        )
+    origin = np.asarray(header.get("space origin", np.zeros(3)), dtype=np.float64)
+    if axes is None or np.shape(axes) != (3, 3) or origin.shape != (3,):
+        raise refused("no directions", name=name)
     affine = np.eye(4)
-    affine[:3, :3] = np.asarray(axes, dtype=np.float64).T
-    affine[:3, 3] = header.get("space origin", np.zeros(3))
-    return Voxels(shape, affine, BACK.get(str(header.get("space", "")).lower(), 0), slabs)
+    affine[:3, :3] = to_right_handed @ np.asarray(axes, dtype=np.float64).T
+    affine[:3, 3] = to_right_handed @ origin
+    return Voxels(shape, affine, back, slabs)
 
 
-def _elsewhere(name: str) -> str:
-    return (
-        f"{name} says that its voxels lie in another file, which is not opened: expected header "
-        f"and voxels in one .nrrd file; export it again with the data attached"
-    )
+def _hand(space: str, name: str) -> tuple[Floats, int]:
+    """Return what turns the coordinates of a space (3, 3) into right-handed ones, and the back.
+
+    Right-handed spaces stay as they are. Left-handed ones would show the head in a mirror: of
+    those with names of the head left, posterior, superior becomes the frame, of others x is turned
+    about. The back is +1 if y then grows to the back of the head, -1 to the front, 0 not said.
+
+    Raises:
+        InvalidInputError: a space that is not known, or none.
+    """
+    words = space.strip().lower()
+    if not words:
+        raise refused("no space", name=name)
+    if words in PLAIN_SPACES:
+        return np.diag((1.0 if PLAIN_SPACES[words] else -1.0, 1.0, 1.0)), 0
+    letters = {way[0]: way for way in WAYS}
+    parts = words.split("-") if "-" in words else [letters.get(c, c) for c in words]
+    ways = np.array([WAYS[part] for part in parts if part in WAYS], dtype=np.float64).reshape(-1, 3)
+    if len(parts) != 3 or len(ways) != 3 or np.abs(ways).sum(axis=0).tolist() != [1.0, 1.0, 1.0]:
+        raise refused("an unknown space", name=name, space=space[:60])
+    if np.linalg.det(ways) < 0.0:
+        return ways.T, 1
+    return np.eye(3), int(ways[1, 1])
+
+
+def _check_units(header: Any, name: str) -> None:
+    """Raise InvalidInputError if lengths are not said to be in mm; many files do not say it."""
+    for key in ("space units", "units"):
+        for word in header.get(key) or ():
+            unit = str(word or "").strip().strip('"').lower()
+            if unit and unit not in (*MILLIMETRES, "none", "???", "nan"):
+                factor = UNITS_MM.get(unit, 1.0)
+                raise refused("another unit", name=name, unit=repr(unit[:20]), factor=factor)
 
 
 def _nrrd_dtype(word: str, endian: str, encoding: str, name: str) -> np.dtype[Any]:

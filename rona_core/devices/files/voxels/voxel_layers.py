@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rona_core.devices.files.voxels.refusals import refused
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats
 
@@ -28,14 +29,9 @@ class Voxels:
 def checked_shape(name: str, shape: tuple[int, ...]) -> tuple[int, int, int]:
     """Return the shape of a volume; raises an InvalidInputError for what is none, or too large."""
     if len(shape) != 3 or min(shape) < 8:
-        raise InvalidInputError(
-            f"{name} must be one volume of at least 8 voxels a side, not {shape}: export one "
-            f"scalar volume"
-        )
+        raise refused("no single volume", name=name, shape=shape)
     if shape[0] * shape[1] * shape[2] > MOST_VOXELS:
-        raise InvalidInputError(
-            f"{name} has {shape} voxels: at most {MOST_VOXELS / 1e6:.0f} million; crop or resample"
-        )
+        raise refused("too many voxels", name=name, shape=shape, most=MOST_VOXELS / 1e6)
     return shape[0], shape[1], shape[2]
 
 

@@ -14,6 +14,7 @@ from typing import BinaryIO
 import numpy as np
 
 from rona_core.devices.files.size_limits import open_file
+from rona_core.devices.files.voxels.refusals import refused
 from rona_core.devices.files.voxels.voxel_layers import UNREAD, Voxels, kind_of
 from rona_core.errors import InvalidInputError, RonaError
 from rona_core.geometry.arrays import Floats
@@ -56,23 +57,23 @@ def open_voxels(source: Path | bytes, name: str) -> Generator[Voxels]:
 
 
 def _check_grid(name: str, affine: Floats) -> None:
-    if not np.isfinite(affine).all():
-        raise InvalidInputError(f"{name} has a grid that is not finite: export it again")
     edges = np.linalg.norm(affine[:3, :3], axis=0)
+    if not np.isfinite(affine).all() or not edges.min() > 0.0:
+        raise refused("no directions", name=name)
     low, high = VOXELS_MM
-    if edges.min() < low or edges.max() > high:
-        raise InvalidInputError(
-            f"{name} has voxels of {edges.round(4).tolist()}: expected {low:g} to {high:g} mm; "
-            f"check the unit"
+    if edges.min() < low:
+        raise refused(
+            "voxels too small", name=name, edges=edges.round(4).tolist(), low=low, high=high
         )
+    if edges.max() > high:
+        raise refused("slices too thick", name=name, edges=edges.round(4).tolist(), high=high)
     unit = affine[:3, :3] / edges
-    if np.abs(unit.T @ unit - np.eye(3)).max() > SKEW:
-        raise InvalidInputError(f"{name} has a skewed grid: resample it to right angles")
+    cosine = float(np.abs(unit.T @ unit - np.eye(3)).max())
+    if cosine > SKEW:
+        angle = float(np.rad2deg(np.arcsin(min(cosine, 1.0))))
+        raise refused("a skewed grid", name=name, angle_deg=angle)
 
 
 def grey_values(name: str, low: float, high: float) -> InvalidInputError:
     """Return the refusal of a volume of grey values, without a threshold."""
-    return InvalidInputError(
-        f"{name} holds grey values from {low:g} to {high:g}, so it is no mask: give the "
-        f"threshold from which a value is bone (for a CT about 300, for labels 0.5)"
-    )
+    return refused("grey values without a threshold", name=name, low=low, high=high)

@@ -11,7 +11,6 @@ from scipy.ndimage import (
     map_coordinates,
 )
 
-from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, Vector3
 from rona_core.virtual.specimen.imported.mesh_reader import BoneMesh, distance_to, inside
 from rona_core.virtual.specimen.imported.region_choice import large_pieces
@@ -33,26 +32,26 @@ MARGIN_MM = 6.0  # of the volume read around the grid
 class Grid:
     """A cubic grid; node (i, j, k) lies at ``origin + spacing * axes @ (i, j, k)``."""
 
-    origin_skull: Vector3
-    axes_skull: Floats  # (3, 3), columns
+    origin_upright: Vector3
+    axes_upright: Floats  # (3, 3), columns
     spacing_mm: float
     shape: tuple[int, int, int]
 
     def nodes(self) -> Floats:
-        """Return all nodes (n, 3) in ``skull``, in C order."""
+        """Return all nodes (n, 3) in ``upright``, in C order."""
         index = np.stack(np.meshgrid(*map(np.arange, self.shape), indexing="ij"), axis=-1)
         places = self.spacing_mm * index.reshape(-1, 3).astype(np.float64)
-        return self.origin_skull + places @ self.axes_skull.T
+        return self.origin_upright + places @ self.axes_upright.T
 
 
-def grid_about(center_skull: Vector3, outward_skull: Vector3, radius_mm: float) -> Grid:
+def grid_about(center_upright: Vector3, outward_upright: Vector3, radius_mm: float) -> Grid:
     """Return the grid that holds whatever a scan of a disc can touch; its third axis is outward."""
-    across: Floats = np.linalg.svd(outward_skull[None])[2][1:]
-    axes: Any = np.stack((across[0], np.cross(outward_skull, across[0]), outward_skull), axis=1)
+    across: Floats = np.linalg.svd(outward_upright[None])[2][1:]
+    axes: Any = np.stack((across[0], np.cross(outward_upright, across[0]), outward_upright), axis=1)
     n = 2 * int(np.ceil((radius_mm + LATERAL_MM) / SPACING_MM)) + 1
     below, above = int(np.ceil(BELOW_MM / SPACING_MM)), int(np.ceil(ABOVE_MM / SPACING_MM))
     start = np.array(((n - 1) / 2, (n - 1) / 2, below))
-    origin = center_skull - SPACING_MM * axes @ start
+    origin = center_upright - SPACING_MM * axes @ start
     return Grid(origin, axes, SPACING_MM, (n, n, below + above + 1))
 
 
@@ -69,16 +68,12 @@ def distance_from_volume(bone: BoneVolume, grid: Grid) -> tuple[Floats, float]:
     The exact distance between voxel centres, half a voxel taken off on either side, has its zero
     level midway between bone and air voxels; the Gaussian takes out their steps. Cube by cube of
     voxels: a box about a whole slanted grid of fine voxels would not fit into memory.
-
-    Raises:
-        InvalidInputError: no bone near the grid.
     """
-    to_index = np.linalg.inv(bone.T_skull_voxel)
+    to_index = np.linalg.inv(bone.T_upright_voxel)
     places = grid.nodes() @ to_index[:3, :3].T + to_index[:3, 3]
-    large = _large_pieces(bone, *_box(places, bone))
     result = np.zeros(len(places))
     for nodes in _cubes(places, bone):
-        result[nodes] = _distance_at(bone, large, places[nodes])
+        result[nodes] = _distance_at(bone, places[nodes])
     return result.reshape(grid.shape), SMOOTHING_VOXELS * float(bone.voxel_mm().mean())
 
 
@@ -106,39 +101,30 @@ def _box(places: Floats, bone: BoneVolume) -> tuple[Ints, Ints]:
     return low.astype(np.int64), high.astype(np.int64)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _LargePieces:
-    """Blocks of voxels, from a corner on, that belong to a large piece of bone."""
+def without_small_pieces(bone: BoneVolume, grid: Grid) -> BoneVolume:
+    """Return the bone without pieces near the grid that are small beside the largest one there.
 
-    blocks: Bools
-    edge: int  # of a block, in voxels
-    low: Ints  # (3,) first voxel
-
-    def hold(self, low: Ints, high: Ints) -> Bools:
-        """Return whether each voxel of a box does."""
-        index = [
-            (np.arange(a, b) - o) // self.edge for a, b, o in zip(low, high, self.low, strict=True)
-        ]
-        return self.blocks[np.ix_(*index)]
-
-
-def _large_pieces(bone: BoneVolume, low: Ints, high: Ints) -> _LargePieces:
-    """Return the large pieces in a box.
-
-    Raises:
-        InvalidInputError: there are none.
+    Where more voxels lie about the grid than pieces can be told apart in, blocks of voxels are.
     """
+    to_index = np.linalg.inv(bone.T_upright_voxel)
+    low, high = _box(grid.nodes() @ to_index[:3, :3].T + to_index[:3, 3], bone)
     low, high = np.clip(low, 0, bone.mask.shape), np.clip(high, 0, bone.mask.shape)
-    edge = int(np.ceil(np.cbrt(np.prod((high - low).astype(np.float64)) / MOST_LABELLED)))
-    block = bone.mask[tuple(slice(a, b) for a, b in zip(low, high, strict=True))]
-    edge = max(edge, 1)
+    box = tuple(slice(a, b) for a, b in zip(low, high, strict=True))
+    block = bone.mask[box]
+    edge = max(1, int(np.ceil(np.cbrt(np.prod((high - low).astype(np.float64)) / MOST_LABELLED))))
     solid = block if edge == 1 else pooled(block, np.full(3, edge))
-    if not solid.any():
-        raise InvalidInputError("there is no bone near the chosen centre: choose another")
-    return _LargePieces(large_pieces(solid), edge, low)
+    large = large_pieces(solid)
+    if large.sum() == solid.sum():
+        return bone
+    mask = bone.mask.copy(order="K")
+    held = mask[box]
+    for k in range(held.shape[2]):  # layer by layer, to spare memory
+        kept = np.repeat(np.repeat(large[:, :, k // edge], edge, 0), edge, 1)
+        held[:, :, k] &= kept[: held.shape[0], : held.shape[1]]
+    return replace(bone, mask=mask)
 
 
-def _distance_at(bone: BoneVolume, large: _LargePieces, places: Floats) -> Floats:
+def _distance_at(bone: BoneVolume, places: Floats) -> Floats:
     """Return the smoothed distance (n,) at places (n, 3) among the voxels."""
     voxel = bone.voxel_mm()
     low, high = _box(places, bone)
@@ -148,7 +134,7 @@ def _distance_at(bone: BoneVolume, large: _LargePieces, places: Floats) -> Float
     source = bone.mask[tuple(slice(a, b) for a, b in zip(inner_low, inner_high, strict=True))]
     block[
         tuple(slice(a - o, b - o) for a, b, o in zip(inner_low, inner_high, low, strict=True))
-    ] = source & large.hold(inner_low, inner_high)
+    ] = source
     if block.all() or not block.any():
         return np.full(len(places), -2.0 * BAND_MM if block.any() else 2.0 * BAND_MM)
     half = float(voxel.mean()) / 2.0
@@ -178,7 +164,7 @@ def distance_from_mesh(bone: BoneMesh, grid: Grid) -> Floats:
     """Return the distance on the grid, exact near the surface."""
     nodes = grid.nodes()
     columns = nodes.reshape(*grid.shape, 3)[:, :, 0].reshape(-1, 3)
-    step = grid.axes_skull[:, 2] * grid.spacing_mm
+    step = grid.axes_upright[:, 2] * grid.spacing_mm
     solid = inside(bone, columns, step, grid.shape[2]).ravel()
     distance = distance_to(bone, nodes, BAND_MM, exact_mm=2.0 * grid.spacing_mm)
     return np.where(solid, -distance, distance).reshape(grid.shape)

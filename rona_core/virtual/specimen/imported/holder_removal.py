@@ -5,34 +5,29 @@ surface is smooth; what reaches far beyond it, and what hangs on that, is no sku
 """
 
 from dataclasses import dataclass, replace
-from itertools import combinations_with_replacement
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import binary_dilation, distance_transform_edt, label
+from scipy.ndimage import binary_dilation, label
 
-from rona_core.errors import InvalidInputError
+from rona_core.devices.files.voxels.refusals import refused
 from rona_core.geometry.arrays import Bools, Floats, Ints, Vector3
-from rona_core.geometry.robust import mad_sigma, reweighted_least_squares, tukey_weights
-from rona_core.virtual.specimen.imported.region_choice import GAP_MM
+from rona_core.virtual.specimen.imported.braincase import (
+    blocks_of,
+    cavity_middle,
+    directions,
+    first_exits,
+    powers,
+    smooth_surface,
+)
 from rona_core.virtual.specimen.imported.volume_reader import LEAST_BONE_MM3, BoneVolume, pooled
 
-COARSE_MM = 1.5  # blocks in which the volume is looked over
-SIDES = 5  # of six, on which a cavity has bone; the spine leaves below
-LEAST_CAVITY_MM = 25.0  # radius of a ball in the cavity of a head; a part of one decides nothing
-DIRECTIONS = 3000
 LOWEST = -0.3  # sine of the elevation: below, the face sticks out of the braincase
-REACH_MM = 150.0  # from the middle of a head to its surface, at most
-DEGREE = 4  # of the smooth surface, in the components of the direction
-ROUNDS = 12
-LEAST_MM = 1.5  # what the surface is off it for sure
 NEAR_MM = 10.0  # beyond the surface: maybe no skull
 FAR_MM = 50.0  # certainly none: the face of a tilted head, even of a lying one, reaches less far
-OUTLIER_MM = 25.0  # beyond the median of the surface, where its fit begins
 LEAST_MM3 = 200.0  # beyond it; less is dust
 LEAST_MET = 0.5  # share of the rays that meet bone; about a braincase nearly all do
 LEAST_KEPT = 0.5  # share of the bone at the surface that is left when the holder is gone
-MOST_BLOCKS = 4_000_000
 CHUNK = 1 << 17  # blocks
 UP = np.array((0.0, 0.0, 1.0))
 
@@ -42,16 +37,15 @@ class FreedBone:
     """A skull without what held it."""
 
     bone: BoneVolume
-    cuts_skull: Floats  # (n, 3) where something was cut off; near there the bone is not known
+    cuts_upright: Floats  # (n, 3) where something was cut off; near there the bone is not known
 
-    def require_whole(self, center_skull: Vector3, radius_mm: float) -> None:
+    def require_whole(self, center_upright: Vector3, radius_mm: float) -> None:
         """Raise InvalidInputError if a disc reaches to where something was cut off."""
-        off = np.linalg.norm(self.cuts_skull - center_skull, axis=1)
+        off = np.linalg.norm(self.cuts_upright - center_upright, axis=1)
         if len(off) and off.min() < radius_mm + NEAR_MM:
-            raise InvalidInputError(
-                f"the disc about {center_skull.round(1).tolist()} reaches to where the head was "
-                f"held, {off.min():.0f} mm from its centre: choose a centre farther from that, or "
-                f"take the holder out of the file"
+            center = self.bone.T_skull_upright @ center_upright
+            raise refused(
+                "a disc where the head was held", center=center.round(1).tolist(), off=off.min()
             )
 
 
@@ -61,22 +55,23 @@ def without_holder(bone: BoneVolume) -> FreedBone:
     Left as it is: a part of a skull without a cavity, a cavity that is no braincase, and a volume
     of which too little would be left.
     """
-    blocks = _blocks(bone)
+    blocks = blocks_of(bone)
     solid = pooled(bone.mask, blocks)
-    to_skull = bone.T_skull_voxel @ _affine(blocks, 0.5 * (blocks - 1.0))
+    to_upright = bone.T_upright_voxel @ _affine(blocks, 0.5 * (blocks - 1.0))
     edge_mm = bone.voxel_mm() * blocks
     nothing = FreedBone(bone, np.zeros((0, 3)))
-    middle = _middle(solid, edge_mm)
+    middle = cavity_middle(solid, edge_mm)
     if middle is None:
         return nothing
-    up = np.linalg.inv(to_skull[:3, :3]) @ UP * edge_mm
+    up = np.linalg.inv(to_upright[:3, :3]) @ UP * edge_mm
     up = up / np.linalg.norm(up)
-    rays = _directions(up)
-    radius = _first_exits(solid, middle, edge_mm, rays)
+    rays = directions()
+    rays = rays[rays @ up > LOWEST]
+    radius = first_exits(solid, middle, edge_mm, rays)
     met = np.isfinite(radius)
     if met.mean() < LEAST_MET:
         return nothing
-    surface = _smooth_surface(rays[met], radius[met])
+    surface = smooth_surface(rays[met], radius[met])
     beyond, far = _beyond(np.argwhere(solid), middle, edge_mm, up, surface)
     if far.sum() * np.prod(edge_mm) < LEAST_MM3:
         return nothing
@@ -88,17 +83,8 @@ def without_holder(bone: BoneVolume) -> FreedBone:
     if np.count_nonzero(mask) * np.prod(bone.voxel_mm()) < LEAST_BONE_MM3:
         return nothing
     cut = _grown(held) & solid & ~held
-    cuts = np.argwhere(cut) @ to_skull[:3, :3].T + to_skull[:3, 3]
+    cuts = np.argwhere(cut) @ to_upright[:3, :3].T + to_upright[:3, 3]
     return FreedBone(replace(bone, mask=mask), cuts)
-
-
-def _blocks(bone: BoneVolume) -> Ints:
-    """Return how many voxels (3,) make a block: small ones, unless they become too many."""
-    voxel = bone.voxel_mm()
-    blocks = np.maximum(1, np.round(COARSE_MM / voxel)).astype(np.int64)
-    while np.prod(np.ceil(np.array(bone.mask.shape) / blocks)) > MOST_BLOCKS:
-        blocks[np.argmin(blocks * voxel)] += 1
-    return blocks
 
 
 def _beyond(
@@ -119,8 +105,8 @@ def _beyond(
         flat = offset - np.outer(offset @ up, up)
         away = np.linalg.norm(flat, axis=1)
         rim = flat / np.maximum(away, 1e-9)[:, None] * cosine + LOWEST * up
-        radial = distance - _powers(ways) @ surface
-        beyond[part] = np.where(low, away - _powers(rim) @ surface * cosine, radial)
+        radial = distance - powers(ways) @ surface
+        beyond[part] = np.where(low, away - powers(rim) @ surface * cosine, radial)
         far[part] = ~low & (radial > FAR_MM)
     return beyond, far
 
@@ -139,79 +125,6 @@ def _affine(scale: Any, shift: Any) -> Floats:
     result = np.eye(4)
     result[:3, :3], result[:3, 3] = np.diag(scale), shift
     return result
-
-
-def _middle(solid: Bools, edge_mm: Floats) -> Floats | None:
-    """Return the middle (3,) of the largest ball in a cavity, as an index; None without one."""
-    hit = np.zeros(solid.shape, dtype=np.int8)
-    for axis in range(3):
-        hit += np.logical_or.accumulate(solid, axis=axis)
-        hit += np.flip(np.logical_or.accumulate(np.flip(solid, axis), axis=axis), axis)
-    cavity = ~solid & (hit >= SIDES)
-    if not cavity.any():
-        return None
-    # what has bone on five sides lies in the box about all bone, and so does the nearest bone
-    ends = [np.flatnonzero(solid.any(axis=axes))[[0, -1]] for axes in ((1, 2), (0, 2), (0, 1))]
-    box = tuple(slice(first, last + 1) for first, last in ends)
-    depth: Any = distance_transform_edt(~solid[box], sampling=edge_mm)
-    depth = np.where(cavity[box], depth, 0.0)
-    if depth.max() < LEAST_CAVITY_MM:
-        return None
-    deepest = np.unravel_index(int(depth.argmax()), depth.shape)
-    return np.array(deepest, dtype=np.float64) + [first for first, _ in ends]
-
-
-def _directions(up: Floats) -> Floats:
-    """Return unit vectors (n, 3), evenly spread, none far below the horizon."""
-    k = np.arange(DIRECTIONS) + 0.5
-    z, turn = 1.0 - 2.0 * k / DIRECTIONS, np.pi * (1.0 + np.sqrt(5.0)) * k
-    flat = np.sqrt(1.0 - z**2)
-    rays = np.stack((flat * np.cos(turn), flat * np.sin(turn), z), axis=1)
-    return rays[rays @ up > LOWEST]
-
-
-def _first_exits(solid: Bools, middle: Floats, edge_mm: Floats, rays: Floats) -> Floats:
-    """Return how far (n,) the first bone reaches along rays, gaps of air cells bridged.
-
-    Infinite where there is none.
-    """
-    step = 0.5 * float(edge_mm.min())
-    t = np.arange(step, REACH_MM, step)
-    places = np.rint(middle + t[None, :, None] * rays[:, None, :] / edge_mm).astype(np.int64)
-    inside = (places >= 0) & (places < np.array(solid.shape))
-    there: Bools = np.asarray(inside.all(axis=2), dtype=np.bool_)
-    x, y, z = np.moveaxis(np.where(there[..., None], places, 0), 2, 0)
-    bone = solid[x, y, z] & there
-    gap = max(1, round(GAP_MM / step))
-    # how many samples ago bone was met last, once it has been met
-    index = np.arange(len(t))
-    last = np.maximum.accumulate(np.where(bone, index, -1), axis=1)
-    ended = (last >= 0) & (index - last >= gap)
-    first = np.where(ended.any(axis=1), np.argmax(ended, axis=1), len(t) - 1)
-    exits = last[np.arange(len(rays)), first]
-    return np.where(exits >= 0, t[np.clip(exits, 0, None)], np.inf)
-
-
-def _powers(ways: Floats) -> Floats:
-    """Return products (n, k) of the components of directions that span all smooth shapes."""
-    columns = [
-        np.prod(ways[:, list(which)], axis=1)
-        for degree in (DEGREE - 1, DEGREE)
-        for which in combinations_with_replacement(range(3), degree)
-    ]
-    return np.stack(columns, axis=1)
-
-
-def _smooth_surface(ways: Floats, radius: Floats) -> Floats:
-    """Return the factors (k,) of the surface over directions (n, 3), outliers left out."""
-    design = _powers(ways)
-    return reweighted_least_squares(
-        design,
-        radius,
-        lambda residuals: tukey_weights(residuals, 4.0 * mad_sigma(residuals, floor=LEAST_MM)),
-        rounds=ROUNDS,
-        weights=(radius < np.median(radius) + OUTLIER_MM).astype(np.float64),
-    )
 
 
 def _held(solid: Bools, beyond: Floats, far: Bools) -> Bools:

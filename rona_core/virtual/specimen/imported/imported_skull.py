@@ -1,11 +1,15 @@
 """Imported skull as a specimen: rays and feet on the zero level of its distance field."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import KDTree
 
+from rona_core.devices.files.voxels.refusals import refused
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import (
+    Bools,
     Floats,
     Ints,
     as_points,
@@ -33,6 +37,7 @@ OFF_SURFACE_MM = 3.0  # a chosen centre farther outside the bone than this is re
 WITHIN_MM = 15.0  # or farther within it, below the outer surface
 LOOK_FROM_MM = 14.0  # above it; what lies over that (an arch, a holder) is another surface
 NORMAL_PATCH_MM = 10.0  # radius over which the normal of the region is averaged
+DRAWN_MM = 1.5  # a drawn vertex off the bone by more than this is a fault of the import
 SHEET_NODES = 1.0  # pitch of the columns that sample the boundaries, in nodes
 
 
@@ -47,6 +52,11 @@ class BoneField:
     def places(self, points: Floats) -> Floats:
         """Return points (n, 3) in nodes of the grid."""
         return (points - self._skull.origin_skull) @ self._skull.axes_skull / self._skull.spacing_mm
+
+    def trusted(self, points: Floats) -> Bools:
+        """Return which points (n,) lie in the trusted part of the grid."""
+        places = self.places(points)
+        return np.asarray(((places > RIM_NODES) & (places < self.high)).all(axis=1))
 
     def distance(self, points: Floats) -> Floats:
         """Return the signed distance (n,) to the bone."""
@@ -80,13 +90,13 @@ class BoneField:
         Newton steps in the tangent plane and back to the zero level; a step that does not come
         nearer is refused and the next one damped.
         """
-        x = self._onto_level(start)
+        x = self.onto_level(start)
         best = np.linalg.norm(q - x, axis=1)
         damping = np.zeros(len(q))
         busy = np.arange(len(q))
         for _ in range(FOOT_STEPS):
             step = self._newton_step(q[busy], x[busy], damping[busy])
-            trial = self._onto_level(x[busy] + step)
+            trial = self.onto_level(x[busy] + step)
             distance = np.linalg.norm(q[busy] - trial, axis=1)
             better = distance <= best[busy]
             rows = busy[better]
@@ -120,7 +130,7 @@ class BoneField:
         length = np.linalg.norm(step, axis=1, keepdims=True)
         return step * np.minimum(1.0, LONGEST_STEP_MM / np.maximum(length, 1e-12))
 
-    def _onto_level(self, x: Floats) -> Floats:
+    def onto_level(self, x: Floats) -> Floats:
         """Return points moved along the gradient to the zero level."""
         for _ in range(LEVEL_STEPS):
             level = self.distance(x)
@@ -260,3 +270,39 @@ class LoadedSpecimen:
 
     def drawn_head(self, edge_mm: float = 3.0) -> None:
         """Return None: a loaded skull has a face of its own."""
+
+
+def drawn_on_level(skull: LoadedSkull, voxel_mm: float) -> LoadedSkull:
+    """Return the skull with drawn vertices on its zero level where the smoothing moved that.
+
+    It takes spikes and plates away that are a voxel thick: so far a vertex moves, and no farther.
+    """
+    field = BoneField(skull)
+    vertices = skull.mesh_vertices_skull.astype(np.float64)
+    near = np.flatnonzero(field.trusted(vertices))
+    off = np.abs(field.distance(vertices[near]))
+    near = near[(off > 0.5 * DRAWN_MM) & (off < 0.5 * DRAWN_MM + voxel_mm)]
+    vertices[near] = field.onto_level(vertices[near])
+    return replace(skull, mesh_vertices_skull=vertices.astype(np.float32))
+
+
+def check_drawn(skull: LoadedSkull) -> None:
+    """Hold each vertex of the drawn skull, which is the robot's obstacle, against the distance.
+
+    Only those within the stored part can be; one transform places them all.
+
+    Raises:
+        InvalidInputError: one of them is more than 1.5 mm off the bone.
+    """
+    field = BoneField(skull)
+    vertices = skull.mesh_vertices_skull.astype(np.float64)
+    vertices = vertices[field.trusted(vertices)]
+    off = np.abs(field.distance(vertices))
+    if len(off) and (worst := off.max()) > DRAWN_MM:
+        raise refused(
+            "a drawn surface off the bone",
+            name=skull.name,
+            worst=worst,
+            place=vertices[off.argmax()].round(1).tolist(),
+            most=DRAWN_MM,
+        )

@@ -12,7 +12,7 @@ from trimesh.triangles import closest_point
 
 from rona_core.devices.files.size_limits import open_file
 from rona_core.devices.files.triangle_file import read_triangles
-from rona_core.errors import InvalidInputError
+from rona_core.devices.files.voxels.refusals import refused
 from rona_core.geometry.arrays import Bools, Floats, Ints
 
 EXTENT_MM = (40.0, 600.0)  # of a skull
@@ -23,6 +23,10 @@ TRIES = 4
 CHUNK = 100_000
 MOST_FINE = 4_000_000  # triangles after the long ones were cut
 COLUMNS = 8192  # of rays at once
+UNITS_MM = {"metres": 1000.0, "centimetres": 10.0, "inches": 25.4, "micrometres": 0.001}
+TOUCHING_MM = 0.05  # surfaces that cross by less only touch
+DEEPEST_MM = 60.0  # that a surface is looked for beyond another
+MOST_TRIED = 2000  # places whose depth is measured
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,18 +54,22 @@ def read_mesh(path: Path) -> BoneMesh:
     extent = vertices.max(axis=0) - vertices.min(axis=0)
     low, high = EXTENT_MM
     if extent.max() < low or extent.max() > high:
-        raise InvalidInputError(
-            f"{path.name} measures {extent.round(2).tolist()}: expected a skull of {low:g} to "
-            f"{high:g} mm; check the unit"
+        size = float(extent.max())
+        units = [name for name, mm in UNITS_MM.items() if low <= size * mm <= high]
+        hint = f"; it looks like {units[0]}" if units else ""
+        raise refused(
+            "a mesh of another size",
+            name=path.name,
+            extent=extent.round(2).tolist(),
+            low=low,
+            high=high,
+            hint=hint,
         )
     sides = np.sort(faces[:, (0, 1, 1, 2, 2, 0)].reshape(-1, 2), axis=1)
     edges, count = np.unique(sides, axis=0, return_counts=True)
     # where two sheets touch along an edge it has four triangles: in and out are still told apart
     if (odd := int((count % 2).sum())) > 0:
-        raise InvalidInputError(
-            f"{path.name} is not closed: {odd} of {len(edges)} edges have one triangle, or another "
-            f"odd number; close its holes, or export the mask as a volume instead"
-        )
+        raise refused("an open mesh", name=path.name, odd=odd, count=len(edges))
     return BoneMesh(vertices, faces)
 
 
@@ -69,16 +77,33 @@ def joined(outer: BoneMesh, inner: BoneMesh) -> BoneMesh:
     """Return the bone between an outer and an inner surface.
 
     Raises:
-        InvalidInputError: the inner surface reaches out of the outer one.
+        InvalidInputError: the inner surface lies outside the outer one, or crosses it.
     """
-    (low, high), (inner_low, inner_high) = outer.bounds(), inner.bounds()
-    if (inner_low < low).any() or (inner_high > high).any():
-        raise InvalidInputError(
-            "the inner surface reaches out of the outer one: expected the outer file first, both "
-            "in the same coordinates"
+    for surface, other, within in ((inner, outer, True), (outer, inner, False)):
+        # middles of the triangles too: a large one may cross with its corners on the right side
+        places = np.concatenate((surface.vertices, surface.vertices[surface.faces].mean(axis=1)))
+        wrong = places[_holds(other, places) != within]
+        if not len(wrong):
+            continue
+        depth = distance_to(other, wrong[:: max(1, len(wrong) // MOST_TRIED)], DEEPEST_MM, np.inf)
+        worst = int(depth.argmax())
+        if depth[worst] < TOUCHING_MM:
+            continue
+        if len(wrong) > 0.5 * len(places):
+            raise refused("an inner surface outside the outer one")
+        raise refused(
+            "an inner surface that crosses the outer one",
+            share=len(wrong) / len(places),
+            depth_mm=depth[worst],
+            place=wrong[:: max(1, len(wrong) // MOST_TRIED)][worst].round(1).tolist(),
         )
     faces = np.concatenate((outer.faces, inner.faces + len(outer.vertices)))
     return BoneMesh(np.concatenate((outer.vertices, inner.vertices)), faces)
+
+
+def _holds(mesh: BoneMesh, places: Floats) -> Bools:
+    """Return which places (n, 3) lie inside a closed surface."""
+    return inside(mesh, places, np.array((0.0, 0.0, 1.0)), 1)[:, 0]
 
 
 def inside(mesh: BoneMesh, origins: Floats, step: Floats, count: int) -> Bools:
@@ -110,10 +135,7 @@ def inside(mesh: BoneMesh, origins: Floats, step: Floats, count: int) -> Bools:
         parts.append(some)
         odd += left
     if odd:
-        raise InvalidInputError(
-            f"{odd} of {len(origins)} lines cross the mesh an odd number of times: its surfaces "
-            f"intersect or have holes; repair it, or export the mask as a volume instead"
-        )
+        raise refused("surfaces that cross themselves", odd=odd, count=len(origins))
     return np.concatenate(parts)
 
 
@@ -148,10 +170,12 @@ def _check_fine(corners: Floats) -> None:
     cuts = np.ceil(np.log2(np.maximum(longest / FINE_MM, 1.0)))
     count = float((4.0**cuts).sum())
     if count > MOST_FINE:
-        raise InvalidInputError(
-            f"the mesh has {len(corners)} triangles near the disc, too many or too large: cut to "
-            f"{FINE_MM:g} mm they would be {count / 1e6:.0f} million, {MOST_FINE / 1e6:.0f} are "
-            f"allowed; reduce the mesh, or remove surfaces that are not bone"
+        raise refused(
+            "too many triangles",
+            count=len(corners),
+            edge=FINE_MM,
+            millions=count / 1e6,
+            most=MOST_FINE / 1e6,
         )
 
 

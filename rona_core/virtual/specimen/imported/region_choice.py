@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import binary_closing, gaussian_filter, label
 
-from rona_core.errors import InvalidInputError
+from rona_core.devices.files.voxels.refusals import refused
 from rona_core.geometry.arrays import Bools, Floats, Ints, Vector3
 
 SMALL_PIECE = 0.05  # bone pieces below this share of the largest do not count (table, dust)
@@ -28,25 +28,25 @@ WISH_MM = 18.0  # a distance from the wished place that weighs like a unit of ba
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CoarseBone:
-    """The bone on an axis-aligned grid of about 1 mm, axes ascending in ``skull``."""
+    """The bone on an axis-aligned grid of about 1 mm, axes ascending in ``upright``."""
 
     mask: Bools  # (nx, ny, nz)
-    origin_skull: Vector3  # of voxel (0, 0, 0)
+    origin_upright: Vector3  # of voxel (0, 0, 0)
     voxel_mm: Floats  # (3,)
     back: int  # +1 if y grows to the back, -1 to the front, 0 unknown
 
-    def highest_mm(self, center_skull: Vector3, axes_skull: Floats, half_mm: float) -> float:
+    def highest_mm(self, center_upright: Vector3, axes_upright: Floats, half_mm: float) -> float:
         """Return how far bone rises above a point, along the third of the axes (3, 3).
 
         Within half the width of a square along the other two, and no farther off than the corners
         of the cube on it. Small pieces do not count.
         """
-        place, reach = center_skull - self.origin_skull, np.sqrt(3.0) * half_mm
+        place, reach = center_upright - self.origin_upright, np.sqrt(3.0) * half_mm
         first = np.clip((place - reach) // self.voxel_mm, 0, None).astype(np.int64)
         end = np.clip((place + reach) // self.voxel_mm + 1, 0, None).astype(np.int64)
         box = self.mask[tuple(slice(a, b) for a, b in zip(first, end, strict=True))]
         voxels = first + np.argwhere(large_pieces(box))
-        u, v, w = ((voxels * self.voxel_mm - place) @ axes_skull).T
+        u, v, w = ((voxels * self.voxel_mm - place) @ axes_upright).T
         inside = (np.abs(u) <= half_mm) & (np.abs(v) <= half_mm)
         return float(w[inside].max(initial=0.0))
 
@@ -60,24 +60,14 @@ def large_pieces(mask: Bools) -> Bools:
     return (sizes >= np.maximum(SMALL_PIECE * sizes.max(), 1.0))[pieces]
 
 
-def coarse_bone(mask: Bools, T_skull_voxel: Floats, back: int) -> CoarseBone:
-    """Thin out a volume to about 1 mm and turn its axes to ascend along x, y and z.
-
-    Raises:
-        InvalidInputError: the grid stands more than 30 degrees off the axes.
-    """
-    edges = np.linalg.norm(T_skull_voxel[:3, :3], axis=0)
-    unit = T_skull_voxel[:3, :3] / edges
-    order = np.argmax(np.abs(unit), axis=1)  # voxel axis for each skull axis
-    if sorted(order.tolist()) != [0, 1, 2] or np.abs(unit[range(3), order]).min() < 0.866:
-        raise InvalidInputError(
-            "the grid of the volume stands more than 30 degrees off the axes of the head: resample "
-            "it so that x goes to a side and z up, or give the centre of the region"
-        )
+def coarse_bone(mask: Bools, T_upright_voxel: Floats, back: int) -> CoarseBone:
+    """Thin out a volume, whose voxels lie along the axes, to about 1 mm; its axes then ascend."""
+    edges = np.linalg.norm(T_upright_voxel[:3, :3], axis=0)
+    order = np.argmax(np.abs(T_upright_voxel[:3, :3]), axis=1)  # voxel axis for each axis
     strides = np.maximum(1, np.floor(WORK_MM / edges + 1e-6)).astype(int)
     thin = mask[:: strides[0], :: strides[1], :: strides[2]].transpose(*order)
-    affine = T_skull_voxel[:3, :3] * strides
-    start = T_skull_voxel[:3, 3].copy()
+    affine = T_upright_voxel[:3, :3] * strides
+    start = T_upright_voxel[:3, 3].copy()
     flips = [slice(None)] * 3
     for axis in range(3):
         column = affine[:, order[axis]]
@@ -91,8 +81,8 @@ def coarse_bone(mask: Bools, T_skull_voxel: Floats, back: int) -> CoarseBone:
 class Choice:
     """A place to scan and the line of sight that found it."""
 
-    center_skull: Vector3
-    outward_skull: Vector3
+    center_upright: Vector3
+    outward_upright: Vector3
 
 
 def choose_region(bone: CoarseBone, radius_mm: float) -> Choice:
@@ -107,10 +97,7 @@ def choose_region(bone: CoarseBone, radius_mm: float) -> Choice:
         if found is not None and (best is None or found[0] < best[0]):
             best = found
     if best is None:
-        raise InvalidInputError(
-            f"no whole patch of bone of radius {radius_mm:g} mm was found on either side of the "
-            f"skull: choose a smaller radius, or give the centre of the region"
-        )
+        raise refused("no whole patch", radius_mm=radius_mm)
     return best[1]
 
 
@@ -170,7 +157,7 @@ def _best_on_side(bone: CoarseBone, side: int, radius_mm: float) -> tuple[float,
         return None
     steps = depth[j, k]
     x_first = bone.voxel_mm[0] * (bone.mask.shape[0] - 1) - steps if side > 0 else steps
-    center = bone.origin_skull + np.array((x_first, j * dy, k * dz))
+    center = bone.origin_upright + np.array((x_first, j * dy, k * dz))
     outward = np.array((float(side), side * 0.0, 0.0))
     outward[1:] = slope_y[j, k], slope_z[j, k]  # depth grows away from the viewer
     return float(bad[j, k]), Choice(center, outward / np.linalg.norm(outward))
