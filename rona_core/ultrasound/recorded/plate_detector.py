@@ -110,7 +110,10 @@ def detect_recorded(
             again = _found(later, prior_mhz, _Steps(silent, cancel))
             if again.alike > found.alike + MORE_ALIKE:
                 recorded, found = later, again
-    return _judged(recorded, found, sound_speed_mm_per_us)
+    judged = _judged(recorded, found, sound_speed_mm_per_us)
+    if judged.ok.any():  # noise reaches up to half the sampling rate, too, but holds no plate
+        require_sampled(found.band, recorded.sampling_mhz)
+    return judged
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,7 +139,6 @@ def _found(recorded: RecordedRf, prior_mhz: float | None, report: "_Steps") -> _
     if spikes.any():
         rf = remove_spikes(rf, spikes, rate, band)
         band = find_band(rf, clipped, rate, prior_mhz, emitting)
-    require_sampled(band, rate)
     rf = remove_narrow_band_interference(rf, clipped, rate, band)
     z = analytic(restore_clipped(rf, clipped, rate, band), rate, band)
     report(0.3)

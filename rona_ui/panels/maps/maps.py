@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from rona_core.app.steps.acoustics.view import loss_words
+from rona_core.app.steps.boundaries.probe_advice import judge_bone
 from rona_core.app.steps.maps.accuracy.error_budget import error_budgets
 from rona_core.app.steps.maps.accuracy.map_accuracy import accuracy_words
 from rona_core.app.steps.maps.messages import StartMapping
@@ -13,7 +14,6 @@ from rona_core.app.steps.maps.view import (
     MapLayers,
     layers_of,
 )
-from rona_core.ultrasound.detection.bone_verdict import judge_bone
 from rona_ui.panels.acoustics import SpeedFields
 from rona_ui.panels.handheld import HandheldControls
 from rona_ui.panels.maps.comparison import ComparisonFolder

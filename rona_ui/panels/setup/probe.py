@@ -16,12 +16,16 @@ from rona_core.app.steps.acoustics.view import (
     probe_performances,
     probe_values,
 )
-from rona_core.app.steps.boundaries.probe_advice import probe_advice
+from rona_core.app.steps.boundaries.probe_advice import (
+    PROBE_TITLES,
+    THICK_MM,
+    THIN_MM,
+    probe_advice,
+)
 from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.devices.settings import PROBE_LIMITS, Excitation, ProbeName, ProbeSettings
 from rona_core.session.document import Session
 from rona_core.session.specimen import BoneKind
-from rona_core.ultrasound.detection.bone_verdict import PROBE_TITLES, THICK_MM, THIN_MM
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
 from rona_ui.panels.widgets.panel_context import PanelContext, on_click
