@@ -69,8 +69,7 @@ def judge_bone(found: Detection) -> BoneVerdict:
             "region (step 1)."
         )
         return BoneVerdict("no echo", used, None, words)
-    low, high = np.percentile(mm[sure], (5.0, 95.0))
-    span = f"{low:.1f} to {high:.1f} mm"
+    span = "{:.1f} to {:.1f} mm".format(*np.percentile(mm[sure], (5.0, 95.0)))
     # an echo outside the depth range of the probe is no sure one, but beside sure ones it counts
     thin = (sure & (mm < THIN_MM)) | (places & (found.flag == TOO_THIN))
     thick = (sure & (mm > THICK_MM)) | (places & (found.flag == TOO_THICK))
@@ -103,8 +102,9 @@ def judge_bone(found: Detection) -> BoneVerdict:
             "2.25 MHz fades there. Better: the 1 MHz probe."
         )
         return BoneVerdict("thick", used, "1MHz", words)
-    words = f"The {PROBE_TITLES[used]} probe suits this bone of {span}."
-    return BoneVerdict("suits", used, used, words)
+    return BoneVerdict(
+        "suits", used, used, f"The {PROBE_TITLES[used]} probe suits this bone of {span}."
+    )
 
 
 def _percent(part: int, whole: int) -> str:

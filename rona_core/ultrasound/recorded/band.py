@@ -97,8 +97,7 @@ def find_band(
     share = min(max(LOUD_SHARE, 1.5 / len(energy)), 1.0)
     loud = energy >= np.quantile(energy, 1.0 - share)
     echo = np.clip(power[loud].mean(axis=0) - np.median(power, axis=0), 0.0, None)
-    smooth = _smoothed(echo, f)
-    edge = float(smooth[f >= EDGE_SHARE * f[-1]].max() / max(float(smooth.max()), 1e-300))
+    edge = _edge(_smoothed(echo, f), f)
     if prior_mhz is not None:
         echo = echo * np.exp(-0.5 * (np.log2(np.maximum(f, 1e-6) / prior_mhz) / PRIOR_OCTAVES) ** 2)
     if not echo.max() > 0:
@@ -130,6 +129,11 @@ def require_sampled(band: Band, sampling_mhz: float) -> None:
             "thickness may be off by cycles; check the sampling rate in the file, or record with "
             "4 or more samples in a cycle"
         )
+
+
+def _edge(power: Floats, f: Floats) -> float:
+    """Return the power (f,) next to half the sampling rate over the largest."""
+    return float(power[f >= EDGE_SHARE * f[-1]].max() / max(float(power.max()), 1e-300))
 
 
 def _emission(energy: Floats, whole: Bools, emitting: bool) -> Bools:

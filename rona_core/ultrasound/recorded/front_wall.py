@@ -63,7 +63,7 @@ def find_recorded_fronts(
     ok = ok & (aligned.correlation > ALIKE) & (aligned.level > FAINT_SHARE)
     # an echo that is loud at the first sample, and over soon, began before
     begins = envelope[:, : max(1, length // 4)].max(axis=1) > BEGINS_LOUD * level
-    cut_off = begins & (quiet == 0) & (aligned.at_us < band.length_us)
+    cut_off = ok & begins & (quiet == 0) & (aligned.at_us < band.length_us)
     return FrontEchoes(aligned, ok & ~cut_off, cut_off, quiet)
 
 
