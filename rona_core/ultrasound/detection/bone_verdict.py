@@ -102,9 +102,8 @@ def judge_bone(found: Detection) -> BoneVerdict:
             "2.25 MHz fades there. Better: the 1 MHz probe."
         )
         return BoneVerdict("thick", used, "1MHz", words)
-    return BoneVerdict(
-        "suits", used, used, f"The {PROBE_TITLES[used]} probe suits this bone of {span}."
-    )
+    words = f"The {PROBE_TITLES[used]} probe suits this bone of {span}."
+    return BoneVerdict("suits", used, used, words)
 
 
 def _percent(part: int, whole: int) -> str:
