@@ -5,7 +5,7 @@ touches it again. Each distance is held against what is predicted of it. See
 docs/algorithms/navigation/landmarks.md.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -27,6 +27,8 @@ class LandmarkCheck:
     sigmas_mm: Floats  # (n,) predicted 3D RMS of each distance; 0 where the pointer was not seen
     sigmas: float  # no landmark may be farther off than so many times what is predicted of it
     limit_mm: float  # nor farther than this, whatever is predicted
+    # why the robot seems to err more than assumed; empty where nothing speaks for it
+    contradiction: str = field(default="", metadata={"omit_empty": True})
 
     @property
     def distances_mm(self) -> Floats:

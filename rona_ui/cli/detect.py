@@ -16,7 +16,13 @@ from rona_core.devices.files.text_tables import NamedFile
 EXPECTED = "an HDF5, .mat or .npz file"
 MAX_BYTES = 384 * 1024**2  # more than the most values that are read, as float64
 NOTHING = 3  # exit status where no line shows a back wall
-REASONS = ("ok", "no front echo", "no back wall", "unsure")
+REASONS = (
+    "ok",
+    "no front echo",
+    "no back wall",
+    "unsure",
+    "echo cut off by begin or end of the record: record longer",
+)
 
 
 def run(wanted: Any) -> int:

@@ -11,6 +11,7 @@ from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.inputs import CAPTURE
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.overview.figure_kinds import FIGURES, Sense
+from rona_core.app.steps.boundaries.probe_advice import probe_advice
 from rona_core.app.steps.scan.head_view import unwatched
 from rona_core.app.steps.scan.landmarks.gate import verification
 from rona_core.session.document import Session
@@ -58,6 +59,7 @@ class Judgement:
 
 CALIBRATED = {
     "tool_tip_sigma_mm": "tool",
+    "tracker_registration_sigma_mm": "tool",
     "pointer_tip_sigma_mm": "pointer",
     "burr_tip_sigma_mm": "burr",
 }
@@ -93,6 +95,7 @@ def _known_at_once(session: Session) -> dict[str, float]:
     results, known = session.results, dict[str, float]()
     if results.tool is not None:
         known["tool_tip_sigma_mm"] = results.tool.value.tip_sigma_mm
+        known["tracker_registration_sigma_mm"] = results.tool.value.registration_sigma_mm
     if results.pointer is not None:
         known["pointer_tip_sigma_mm"] = results.pointer.value.tip_sigma_mm
     if (burr := results.get("burr")) is not None:
@@ -151,14 +154,20 @@ def _with_own_word(key: str, judged: Verdict, session: Session) -> tuple[Verdict
         held = session.results.get(CALIBRATED[key])
         if held is not None and OWN_WORD[held.value.verdict] != "pass":
             return worst((judged, OWN_WORD[held.value.verdict])), "; ".join(held.value.reasons)
-    if key == "landmark_distance_mm":
+    if key in ("landmark_distance_mm", "tracker_registration_sigma_mm"):
         found = verification(session)
-        if found.state in ("failed", "overridden"):
+        if found.state in ("failed", "overridden") and key == "landmark_distance_mm":
             return "fail", found.sentence.rstrip(".")
+        if found.state == "passed" and found.check is not None and found.check.contradiction:
+            return worst((judged, "review")), found.check.contradiction
     speed = session.results.speed
     if key == "thickness_sigma_predicted_mm" and speed is not None:
         if speed.value.verdict == "bad" and stale_reason("speed", session) is None:
             return "fail", f"{CONTRADICTED}: {'; '.join(speed.value.reasons)}"
+    if key == "inner_coverage_fraction" and judged in ("review", "fail"):
+        advice = probe_advice(session)
+        if advice is not None and advice.kind != "suits":
+            return judged, advice.sentence.rstrip(".")
     specimen = session.setup.specimen
     voxels = isinstance(specimen, LoadedSkull) and specimen.kind in ("mask", "ct")
     if key.startswith("normal_error") and voxels and judged in ("review", "fail"):

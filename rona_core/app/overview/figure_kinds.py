@@ -6,6 +6,8 @@ What each figure means is said in ``docs/metrics.md``; limits are goals of this 
 from dataclasses import dataclass
 from typing import Literal
 
+from rona_core.calibration.hand_eye.quality import REGISTRATION_TITLE
+
 Sense = Literal["at most", "at least"]
 
 
@@ -29,7 +31,7 @@ FIGURES: dict[str, FigureKind] = {
     "tracker_registration_tre_mm": FigureKind(
         "Registration, TRE on the skull", "tool", "mm", 2, 1.0
     ),
-    "tracker_registration_sigma_mm": FigureKind("Registration, expected", "tool", "mm", 2, 1.0),
+    "tracker_registration_sigma_mm": FigureKind(REGISTRATION_TITLE, "tool", "mm", 2, 1.0),
     "pointer_tip_error_mm": FigureKind("Pointer tip error", "pointer", "mm", 2, 0.5),
     "pointer_tip_sigma_mm": FigureKind("Pointer tip, expected error", "pointer", "mm", 2, 0.5),
     "surface_points": FigureKind("Surface points", "surface"),

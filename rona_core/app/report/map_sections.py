@@ -11,6 +11,7 @@ from rona_core.app.report.map_pictures import map_picture
 from rona_core.app.report.page import Html, joined, note, table, tag, tile
 from rona_core.app.report.thickness_graphs import section_graph, thickness_histogram
 from rona_core.app.steps.acoustics.view import loss_words, speed_state
+from rona_core.app.steps.boundaries.probe_advice import probe_advice
 from rona_core.app.steps.maps.accuracy.error_budget import error_budgets
 from rona_core.app.steps.maps.accuracy.map_accuracy import accuracy_words, map_accuracy
 from rona_core.app.steps.maps.export import map_sheet
@@ -126,6 +127,8 @@ def accuracy_section(
     lines = [accuracy_words(found.sheet.maps, accuracy)]
     lines += ["Speed of sound: " + ("published mean." if speed is None else speed.sentence)]
     lines += [] if detection is None else [loss_words(detection.value)]
+    advice = probe_advice(session)
+    lines += [] if advice is None else [advice.sentence]
     budgets: list[Html] = []
     for budget in error_budgets(accuracy, figures):
         rows = [

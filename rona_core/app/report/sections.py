@@ -124,7 +124,7 @@ def _calibration(session: Session, step: Step, title: str) -> Html:
     return joined(
         (
             head,
-            table(("Expected error (3D, 1 σ)", "Value", "Limit", "Verdict"), rows, _EXPECTED),
+            table(("Error (3D, 1 σ)", "Value", "Limit", "Verdict"), rows, _EXPECTED),
             tag("p", words, "Verdict: ", badge(found.verdict), *map(_sentence, found.reasons)),
         )
     )

@@ -33,6 +33,9 @@ TURN_COST = 0.005  # correlation that the whole of it must bring
 BEYOND = 0.5  # of the range of lags that were followed
 MOST_GAIN = 5.0  # by which a loss is taken back
 MAX_RESHAPE_NP = 0.7
+END_LENGTHS = 2.0  # of the pulse: so far before the end of a line an echo may belong to one
+ENDS_LOUD = 0.35  # that is cut off there, and is as loud as this share of it
+ENDS_LOUDER = 2.0  # or, farther from the end, times as loud
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,6 +49,7 @@ class BackEchoes:
     confident: Bools
     level: float  # over the front, typical
     inverted: bool
+    cut_off: Bools  # the record ends within an echo
     alike: float  # correlation of the mean back echo with the mean front, its loss allowed for
 
 
@@ -99,6 +103,7 @@ def time_back_wall(survey: RfSurvey, track: Track) -> BackEchoes:
     low, high = np.quantile(lag[used], (0.02, 0.98))
     reach = max(band.length_us, BEYOND * (high - low))
     confident &= used | ((found > low - reach) & (found < high + reach))
+    cut_off = detected & _ends_in_echo(survey, centers)
     # bound of a coherent estimate: bandwidth times time is about 1, both echoes have noise
     sigma = np.hypot(1.0 / np.maximum(snr, 1.0), noise) / (2.0 * np.pi * band.centre_mhz)
     return BackEchoes(
@@ -109,8 +114,26 @@ def time_back_wall(survey: RfSurvey, track: Track) -> BackEchoes:
         confident,
         track.typical_level,
         match.inverted,
+        cut_off,
         match.correlation,
     )
+
+
+def _ends_in_echo(survey: RfSurvey, centers: Ints) -> Bools:
+    """Return which lines (n,) end while an echo is under way that may be the back wall's.
+
+    Near ``centers`` it is what is left of the same echo; elsewhere one that is louder.
+    """
+    rate, zero, length = survey.sampling_mhz, survey.zero, survey.band.length_us
+    envelope = np.abs(survey.lines)
+    index = np.arange(envelope.shape[1])
+    last = survey.recorded.rf.shape[1] - 1 - survey.front.aligned.at_us * rate + zero
+    ending = (index > last[:, None] - 0.5 * length * rate) & (index <= last[:, None])
+    near = np.abs(index - centers[:, None]) <= 0.5 * length * rate
+    at_end = np.where(ending, envelope, 0.0).max(axis=1)
+    loudest = np.where(near, envelope, 0.0).max(axis=1)
+    close = last - centers < END_LENGTHS * length * rate
+    return at_end > np.where(close, ENDS_LOUD, ENDS_LOUDER) * loudest
 
 
 def _centers(survey: RfSurvey, lag_us: Floats) -> Ints:

@@ -18,6 +18,7 @@ QUIET_LENGTHS = 2.5  # of the pulse, for which it has to be quiet
 BANG_US = 1.0  # an emission is over this long after its time, but for ring-down
 FAINT_SHARE = 0.12  # of the usual front; below it there is no contact
 NOISE_FACTOR = 5.0  # a front is this far above the noise
+BEGINS_LOUD = 0.5  # of its peak: so much of an echo is missed that begins at the first sample
 ALIKE = 0.6  # correlation with the mean front
 
 
@@ -27,6 +28,7 @@ class FrontEchoes:
 
     aligned: Aligned
     ok: Bools  # (n,)
+    cut_off: Bools  # (n,) the record begins within that echo
     quiet_from: Ints  # (n,) sample from which there is no ring-down
 
 
@@ -59,7 +61,10 @@ def find_recorded_fronts(
         search_us=min(0.8 * band.length_us, 1.5 / band.centre_mhz),
     )
     ok = ok & (aligned.correlation > ALIKE) & (aligned.level > FAINT_SHARE)
-    return FrontEchoes(aligned, ok, quiet)
+    # an echo that is loud at the first sample, and over soon, began before
+    begins = envelope[:, : max(1, length // 4)].max(axis=1) > BEGINS_LOUD * level
+    cut_off = ok & begins & (quiet == 0) & (aligned.at_us < band.length_us)
+    return FrontEchoes(aligned, ok & ~cut_off, cut_off, quiet)
 
 
 def _quiet_from(

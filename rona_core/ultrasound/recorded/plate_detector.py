@@ -29,11 +29,18 @@ from rona_core.ultrasound.recorded.artefacts import (
 )
 from rona_core.ultrasound.recorded.back_wall_choice import find_back_wall
 from rona_core.ultrasound.recorded.back_wall_timing import BackEchoes, time_back_wall
-from rona_core.ultrasound.recorded.band import Band, analytic, check_lines, find_band, near_one
+from rona_core.ultrasound.recorded.band import (
+    Band,
+    analytic,
+    check_lines,
+    find_band,
+    near_one,
+    require_sampled,
+)
 from rona_core.ultrasound.recorded.front_wall import FrontEchoes, find_recorded_fronts
 from rona_core.ultrasound.recorded.probe_reverberations import robust_sd
 
-OK, NO_FRONT, NO_BACK, UNSURE = range(4)
+OK, NO_FRONT, NO_BACK, UNSURE, CUT_OFF = range(5)
 SPEEDS_MM_PER_US = (0.5, 10.0)
 START_US = 1.0  # after the emission, that a record begins with it
 UNLIKE = 0.95  # correlation of front and back wall, below which one of them is no echo
@@ -52,7 +59,7 @@ class RecordedDetection:
     lag_us: Floats  # from the front to the back wall and back; 0 where not ok
     thickness_mm: Floats  # 0 where not ok
     ok: Bools
-    flag: Ints  # 0 ok, 1 no front, 2 no back wall, 3 unsure
+    flag: Ints  # 0 ok, 1 no front, 2 no back wall, 3 unsure, 4 the record begins or ends in an echo
     front_level: Floats  # over the mean front
     likeness: Floats  # correlation of the back echo with the mean one, -1 to 1
     sigma_mm: Floats  # predicted from the noise; 0 where not ok
@@ -85,7 +92,7 @@ def detect_recorded(
         cancel: Asked between steps.
 
     Raises:
-        InvalidInputError: an impossible speed, or lines that are none.
+        InvalidInputError: an impossible speed, lines that are none, or too few samples a cycle.
         DegenerateGeometryError: there is no echo in them.
         CancelledError: ``cancel`` said so.
     """
@@ -103,7 +110,10 @@ def detect_recorded(
             again = _found(later, prior_mhz, _Steps(silent, cancel))
             if again.alike > found.alike + MORE_ALIKE:
                 recorded, found = later, again
-    return _judged(recorded, found, sound_speed_mm_per_us)
+    judged = _judged(recorded, found, sound_speed_mm_per_us)
+    if judged.ok.any():  # noise reaches up to half the sampling rate, too, but holds no plate
+        require_sampled(found.band, recorded.sampling_mhz)
+    return judged
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -196,7 +206,10 @@ def _judged(
     nothing, no = np.zeros(n), np.zeros(n, dtype=np.bool_)
     detected = no if back is None else back.detected
     confident = no if back is None else back.confident
-    flag = np.select([~front.ok, ~detected, ~confident], [NO_FRONT, NO_BACK, UNSURE], OK)
+    cut_off = front.cut_off | (no if back is None else back.cut_off)
+    flag = np.select(
+        [cut_off, ~front.ok, ~detected, ~confident], [CUT_OFF, NO_FRONT, NO_BACK, UNSURE], OK
+    )
     ok = flag == OK
     lag = nothing if back is None else np.where(ok, back.lag_us, 0.0)
     sigma = nothing if back is None else np.where(ok, back.sigma_us * speed / 2.0, 0.0)

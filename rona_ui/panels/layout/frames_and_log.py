@@ -42,7 +42,8 @@ def frames_table(rows: tuple[FrameRow, ...]) -> str:
     body = "".join(_frame(number, row) for number, row in enumerate(rows, start=1))
     words = style.text(
         "T_a_b is the pose of frame b in frame a: origin and rotation vector. σ is the "
-        "predicted error (of T_base_tracker: at the skull); nominal and live poses have none."
+        "predicted error (of T_base_tracker: at the skull, assumed by what robot and tracker are "
+        "stated to be); nominal and live poses have none."
     )
     return f'<div class="r-log" role="list">{body}</div>{words}'
 

@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from rona_core.app.steps.acoustics.view import is_heard, loss_words
+from rona_core.app.steps.acoustics.view import loss_words
+from rona_core.app.steps.boundaries.probe_advice import judge_bone
 from rona_core.app.steps.maps.accuracy.error_budget import error_budgets
 from rona_core.app.steps.maps.accuracy.map_accuracy import accuracy_words
 from rona_core.app.steps.maps.messages import StartMapping
@@ -163,9 +164,8 @@ class MapsPanel(StepPanel):
             words += f" {accuracy_words(maps, accuracy)}"
         if value.method == "subtract":  # the others judge no levels
             words += f" {loss_words(value)}"
-        return style.note(words, "good" if is_heard(value) else "warn") + advice_note(
-            snapshot.session, only_another=True
-        )
+        kind = "good" if judge_bone(value).kind == "suits" else "warn"
+        return style.note(words, kind) + advice_note(snapshot.session, unless_suits=True)
 
 
 def budget_table(snapshot: Snapshot) -> str:

@@ -16,7 +16,12 @@ from rona_core.app.steps.acoustics.view import (
     probe_performances,
     probe_values,
 )
-from rona_core.app.steps.boundaries.probe_advice import THICK_MM, THIN_MM, probe_advice
+from rona_core.app.steps.boundaries.probe_advice import (
+    PROBE_TITLES,
+    THICK_MM,
+    THIN_MM,
+    probe_advice,
+)
 from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.devices.limits import range_of
 from rona_core.devices.settings import Excitation, ProbeName, ProbeSettings
@@ -36,7 +41,6 @@ SHAPES = {
     "Two lobes": "double",
     "Ringing": "ringing",
 }
-TITLES = {"2.25MHz": "2.25 MHz", "1MHz": "1 MHz"}
 DETAILS: tuple[tuple[Any, ...], ...] = (  # name, label, step, hint
     ("centre_mhz", "Centre frequency (MHz)", 0.05),
     ("bandwidth", "Relative bandwidth", 0.02, "-6 dB bandwidth divided by the centre frequency"),
@@ -57,7 +61,7 @@ class ProbeFields:
     def build(self) -> None:
         """Add probe and excitation, and what each combination promises."""
         form = self._form
-        form.choice("name", "Probe", {v: k for k, v in TITLES.items()}, "2.25MHz")
+        form.choice("name", "Probe", {v: k for k, v in PROBE_TITLES.items()}, "2.25MHz")
         form.choice("excitation", "Excitation", {"Chirp": "chirp", "Pulse": "pulse"}, "chirp")
         form.number("front_snr_db", "SNR (dB)", 50.0, 0.0, 90.0, 1.0)
         form.number("pitch_mm", "Pitch (mm)", 1.0, 0.2, 10.0, 0.1, "Between A-scans")
@@ -129,13 +133,13 @@ class ProbeFields:
             button.disabled = busy
 
 
-def advice_note(session: Session, *, only_another: bool = False) -> str:
-    """Return the probe recommendation as HTML; before a scan the general rule."""
+def advice_note(session: Session, *, unless_suits: bool = False) -> str:
+    """Return what the scan says about bone and probe as HTML; before a scan the general rule."""
     advice = probe_advice(session)
-    if only_another and (advice is None or not advice.another):
+    if unless_suits and (advice is None or advice.kind == "suits"):
         return ""
     if advice is not None:
-        return style.note(advice.sentence, "warn" if advice.another else "good")
+        return style.note(advice.sentence, "good" if advice.kind == "suits" else "warn")
     return style.text(
         f"Use 2.25 MHz for bone under {THIN_MM:g} mm (better resolution), 1 MHz for bone "
         f"over {THICK_MM:g} mm or hard bone. Map a scan to get a recommendation."
@@ -147,7 +151,7 @@ def performance_table(rows: tuple[ExpectedPerformance, ...], chosen: ProbeSettin
     cells: list[list[str]] = []
     for row in rows:
         at = dict(zip(row.thickness_mm.tolist(), row.sigma_mm.tolist(), strict=True))
-        name = f"{TITLES[row.probe]} {row.excitation}"
+        name = f"{PROBE_TITLES[row.probe]} {row.excitation}"
         if (row.probe, row.excitation) == (chosen.name, chosen.excitation):
             name = f"<b>▶ {name}</b>"
         sigmas = [f"{1e3 * at[mm]:.0f}" if row.reaches(mm) and mm in at else "–" for mm in SHOWN_MM]

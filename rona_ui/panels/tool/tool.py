@@ -34,7 +34,7 @@ class CalibrationWords:
 
 def words(view: CalibrationView, stale: bool = False) -> str:
     """Return the expected errors beside what is good, the verdict, and reasons with remedies."""
-    head = ("Random error, expected", "Value", "Good", "")
+    head = ("Error (3D, 1 σ)", "Value", "Good", "")
     rows = [
         (
             escape(one.title),

@@ -229,4 +229,4 @@ def test_where_the_first_pass_hears_nothing_the_second_is_not_believed(demo):
     found = derive_second_detection(session, StartMapping(), progress=silent, cancel=never)
     assert not found.inner_ok.any()
     assert (found.inner_quality <= 0.5)[demo.results.second_detection.value.inner_ok].all()
-    assert "hears no inner boundary" in loss_words(mute)
+    assert "not learned, too few sure inner echoes" in loss_words(mute)

@@ -176,7 +176,7 @@ def test_the_graph_has_the_other_echo_where_there_is_doubt(demo: Session) -> Non
 
 def test_a_flag_is_told_in_words(demo: Session) -> None:
     found = demo.results.detection.value  # type: ignore[union-attr]
-    told = {2: "no inner echo", 4: "too thin", 6: "unsure", 7: "leaned"}
+    told = {2: "no inner echo", 4: "nearer than the probe resolves", 6: "unsure", 7: "leaned"}
     seen = [flag for flag in told if (found.flag == flag).any()]
     assert seen
     for flag, words in ((flag, told[flag]) for flag in seen):

@@ -112,19 +112,14 @@ def speed_state(session: Session) -> Judged | None:
     return _judged("speed", words, speed, session)
 
 
-def is_heard(detection: Detection) -> bool:
-    """Return whether a first pass hears the inner boundary of the bone at all."""
-    return heard(detection)
-
-
 def loss_words(detection: Detection) -> str:
     """Return the loss of the bone that echoes were judged by, beside the published mean."""
     published = f"published mean of {NOMINAL_LOSS_DB_PER_CM:.1f}"
     loss = detection.bone_loss
     if not heard(detection):
         return (
-            "The first pass hears no inner boundary: the bone takes too much of the echo at this "
-            "frequency. No pass is believed; take a probe of lower frequency (step 1)."
+            f"Bone loss: not learned, too few sure inner echoes, so no pass counts; {published} "
+            "dB/cm at 1 MHz taken."
         )
     if loss is None:
         return f"Bone loss: not learned, too few deep echoes; {published} dB/cm at 1 MHz taken."

@@ -35,10 +35,10 @@ WORTH_TELLING = 0.02  # probability of another echo
 FLAGS = (
     "both boundaries found",
     "no front echo: the probe had no contact",
-    "no inner echo: the inner table leans, or the bone is thicker than the probe can see",
+    "no inner echo: a leaning inner table, thick bone and lossy bone look alike",
     "clipped: turn the gain down",
-    "bone too thin for this probe",
-    "bone too thick for this probe",
+    "echo nearer than the probe resolves: thin bone or a step within it",
+    "echo deeper than the probe reaches: thick bone or a multiple echo",
     "unsure which echo is the inner boundary",
     "the probe leaned too far",
     "taken away by hand",

@@ -6,7 +6,7 @@ from typing import Any, Literal
 import numpy as np
 
 from rona_core.app.steps.tool.derivation import tool_poses
-from rona_core.calibration.hand_eye.quality import GOOD_MM
+from rona_core.calibration.hand_eye.quality import GOOD_MM, REGISTRATION_TITLE
 from rona_core.calibration.pivot.pose_coverage import NextPose, next_best_pose, swing_coverage
 from rona_core.calibration.pivot.quality import GOOD_SIGMA_MM
 from rona_core.devices.marker_geometry import GEOMETRIES
@@ -80,11 +80,11 @@ def calibration_view(session: Session, step: Step) -> CalibrationView | None:
     marks = _marks(found.used, excluded)
     if step == "tool":
         expected = (
-            ExpectedError("Tool tip", found.tip_sigma_mm, GOOD_MM),
-            ExpectedError("Tracker, near the tip", found.registration_sigma_mm, REGISTRATION_MM),
+            ExpectedError("Tool tip, expected", found.tip_sigma_mm, GOOD_MM),
+            ExpectedError(REGISTRATION_TITLE, found.registration_sigma_mm, REGISTRATION_MM),
         )
     else:
-        expected = (ExpectedError("Pointer tip", found.tip_sigma_mm, GOOD_SIGMA_MM),)
+        expected = (ExpectedError("Pointer tip, expected", found.tip_sigma_mm, GOOD_SIGMA_MM),)
     return CalibrationView(
         step=step,
         verdict=found.verdict,

@@ -12,6 +12,7 @@ from rona_core.calibration.hand_eye.registration_sensitivity import (
     RegistrationSensitivity,
     registration_sensitivity,
 )
+from rona_core.calibration.hand_eye.robot_accuracy import check_robot_accuracy
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration, register_tool
 from rona_core.calibration.timing.time_offset import TimeOffset, estimate_time_offset
 from rona_core.calibration.tracker_field import LearnedField
@@ -175,6 +176,24 @@ def worse_half(tool: Floats, tip: Floats) -> Floats:
     return np.sqrt(2.0) * tool * kept
 
 
+def with_robot_check(session: Session, made: ToolRegistration) -> ToolRegistration:
+    """Return the registration, not called good where it contradicts the robot's accuracy."""
+    capture = require_result(session.captures.tool, "record the tool motion")
+    devices = session.setup.devices
+    model = robot_model(devices.robot.model)
+    qs_rad, seen, _ = tool_dwells(capture, model)
+    accuracy_mm = ROBOT_ACCURACY_MM if devices.robot.errors else 0.0
+    links = link_errors(model, qs_rad, model.T_flange_tip, accuracy_mm)
+    field = LearnedField(error_field(devices.tracker))
+    tips = model.forward(qs_rad) @ model.T_flange_tip
+    check = check_robot_accuracy(made, tips, seen, links, field)
+    if check is None or not check.contradicted:
+        return made
+    words = check.words(accuracy_mm, "the residuals of the registration")
+    verdict = "bad" if made.verdict == "bad" else "weak"
+    return replace(made, verdict=verdict, reasons=(*made.reasons, words))
+
+
 def excluded_mask(rows: tuple[int, ...], n: int) -> Bools:
     """Return a mask (n,) of the poses that are left out by hand."""
     if rows and max(rows) >= n:
@@ -190,7 +209,7 @@ def derive_registration(session: Session, message: RegisterTool) -> ToolRegistra
     Raises:
         InvalidInputError, DegenerateGeometryError: as ``derive_tool``.
     """
-    made = with_repeating_errors(session, derive_tool(session, message))
+    made = with_robot_check(session, with_repeating_errors(session, derive_tool(session, message)))
     capture = require_result(session.captures.tool, "record the tool motion")
     return replace(
         made,

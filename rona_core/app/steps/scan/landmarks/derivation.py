@@ -11,6 +11,7 @@ from rona_core.app.steps.scan.landmarks.capture import LandmarkCapture
 from rona_core.app.steps.scan.landmarks.messages import OverrideLandmarks, VerifyLandmarks
 from rona_core.app.steps.tool.derivation import ROBOT_ACCURACY_MM
 from rona_core.calibration.error_propagation import pose_covariance
+from rona_core.calibration.hand_eye.robot_accuracy import score_of_links
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.calibration.handheld.pointer import PointerCalibration
 from rona_core.calibration.landmark_check import LandmarkCheck, require_enough
@@ -75,8 +76,9 @@ def derive_landmarks(session: Session, message: VerifyLandmarks) -> LandmarkChec
     )
     pointer_base = np.array(robot_base)
     pointer_base[seen] = reference.T_base_tracker @ (touched.poses @ pointer.tip_pointermarker)
-    covariance = _covariance(session, capture.qs_rad[seen], touched, tool, pointer)
-    variances = covariance.diagonal().reshape(-1, 3).sum(axis=1) + reference.added_mm**2
+    rest, links = _expected(session, capture.qs_rad[seen], touched, tool, pointer)
+    rest = rest + reference.added_mm**2 / 3.0 * np.eye(len(rest))
+    variances = (rest + links @ links.T).diagonal().reshape(-1, 3).sum(axis=1)
     sigmas_mm = np.zeros(len(seen))
     sigmas_mm[seen] = np.sqrt(variances)
     return LandmarkCheck(
@@ -87,6 +89,7 @@ def derive_landmarks(session: Session, message: VerifyLandmarks) -> LandmarkChec
         sigmas_mm=readonly(sigmas_mm),
         sigmas=message.sigmas,
         limit_mm=message.limit_mm,
+        contradiction=_contradiction((pointer_base - robot_base)[seen], links, rest),
     )
 
 
@@ -104,17 +107,31 @@ def landmark_capture(session: Session) -> LandmarkCapture:
     return require_result(session.captures.get("landmarks"), "hold the pointer on the landmarks")
 
 
-def _covariance(
+def _contradiction(apart_base: Floats, links: Floats, rest: Floats) -> str:
+    """Return why distances (k, 3) contradict the robot's accuracy; empty where they do not."""
+    if not links.any():
+        return ""
+    test = score_of_links(apart_base.ravel(), links, rest)
+    if not test.contradicted:
+        return ""
+    return test.words(ROBOT_ACCURACY_MM, "the distances of the landmarks")
+
+
+def _expected(
     session: Session,
     qs_rad: Floats,
     touched: Touched,
     tool: ToolRegistration,
     pointer: PointerCalibration,
-) -> Floats:
-    """Return the covariance (3 k, 3 k) of pointer less robot at the landmarks, in mm^2.
+) -> tuple[Floats, Floats]:
+    """Return what is expected of pointer less robot at the landmarks.
 
     What the links of the robot do to the registration and to the touched postures goes together
     and cancels for the most part.
+
+    Returns:
+        The covariance (3 k, 3 k) without that of the links, in mm^2, and the distances in ``base``
+        (3 k, m) by m independent standard normal errors of the links.
     """
     k, poses, devices = len(touched.poses), touched.poses, session.setup.devices
     R_base_marker = tool.T_base_tracker.rotation @ poses.rotations
@@ -129,8 +146,8 @@ def _covariance(
             3 * k, 36
         )
     random, tip = repeating.registration[:6, :6], repeating.tip
-    joint = repeating.tracker + links @ links.T + J @ random @ J.T + turns @ tip @ turns.T
-    return joint + _own(touched, tool, pointer)
+    joint = repeating.tracker + J @ random @ J.T + turns @ tip @ turns.T
+    return joint + _own(touched, tool, pointer), links
 
 
 def _own(touched: Touched, tool: ToolRegistration, pointer: PointerCalibration) -> Floats:

@@ -42,6 +42,9 @@ def verification(session: Session) -> Verification:
         return Verification("stale", f"To be verified again: {reason}.", check)
     if check.verdict == "fail":
         return Verification("failed", f"{'; '.join(check.reasons)}.", check)
+    if check.contradiction:
+        words = f"Each landmark is within its limit, but {check.contradiction}."
+        return Verification("passed", words, check)
     return Verification("passed", "Tracker, pointer and robot agree on the landmarks.", check)
 
 

@@ -31,6 +31,7 @@ class LandmarkReport:
     rows: tuple[LandmarkRow, ...] = ()
     rms_mm: float | None = None
     sigma_mm: float | None = None  # predicted of it
+    contradicted: bool = False  # the robot seems to err more than assumed: the sentence says why
 
 
 def landmark_report(session: Session) -> LandmarkReport:
@@ -57,6 +58,7 @@ def landmark_report(session: Session) -> LandmarkReport:
         rows,
         rms_mm=check.rms_mm,
         sigma_mm=check.expected_rms_mm,
+        contradicted=bool(check.contradiction),
     )
 
 
