@@ -60,7 +60,7 @@ def test_one_text_file_for_each_pose_keeps_every_bit():
 def test_sixteen_numbers_a_row(separator, header):
     made, _ = poses(n=7)
     pivot = read_pivot([rows_file(made, separator, header)])
-    assert pivot.kind == "rows of matrices"
+    assert pivot.kind == "rows of poses"
     assert pivot.track.Ts_tracker_marker.rotations.tobytes() == made.rotations.tobytes()
 
 
@@ -155,10 +155,10 @@ BAD_TEXT = {
     "empty": (b"", "x.csv is empty"),
     "only comments": (b"# a\n\n", "x.csv is empty"),
     "header alone": (b"a,b,c,d\n", "below the header"),
-    "binary": (b"\xff\xfe\x00\x01", "x.csv: expected text"),
+    "binary": (b"\xff\xfe\x00\xd8", "x.csv: expected text"),
     "zeros": (b"1\0 2", "expected text, got a binary"),
     "15 numbers": (b"1 " * 15, "line 1: expected 16 numbers .* got 15 cells"),
-    "uneven": (b"1 0 0 0 0 1 0 0 0 0 1 900 0 0 0 1\n1 2 3", "line 2: expected 16 numbers, got 3"),
+    "uneven": (b"1 0 0 0 0 1 0 0 0 0 1 900 0 0 0 1\n1 2 3", "line 2: expected 16 cells, got 3"),
     "words": (b"1 0 0 0 0 1 0 0 0 0 1 x 0 0 0 1", "line 1: expected a number, got 'x'"),
     "three rows": (b"1 0 0 0\n0 1 0 0\n0 0 1 900", "4 rows of 4 numbers, got 3 rows"),
 }
