@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from rona_core.calibration.pivot.initial_guess import robust_initial_guess
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, Vector3
+from rona_core.geometry.held_poses import repeated_poses
 from rona_core.geometry.pose import Poses
 
 LONGEST_MM = 400.0  # from the markers of a hand-held pointer to its tip
@@ -214,6 +215,7 @@ def _read(poses: Poses, dof: int, undo: Callable[[Poses], Poses], late: int) -> 
     """Fit tip and pivot after undoing a change; the poses keep their rows."""
     n = len(poses)
     rows = np.arange(max(-late, 0), n - max(late, 0))  # of the translations that have a partner
+    rows = rows[~repeated_poses(poses)[rows]]
     if len(rows) > MOST_POSES:
         rows = rows[np.linspace(0, len(rows) - 1, MOST_POSES).astype(np.int64)]
     right = undo(Poses(poses.rotations[rows + late], poses.translations[rows]))
