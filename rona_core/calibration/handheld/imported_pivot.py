@@ -4,14 +4,18 @@ Data that determine no tip are no accident here but an answer: the verdict is ba
 """
 
 from dataclasses import dataclass
-from typing import get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from rona_core.calibration.handheld.pointer import MIN_POSES
 from rona_core.calibration.pivot.motion_extent import require_swing
-from rona_core.calibration.pivot.pivot_calibration import PivotFit, PivotMethod, solve_pivot
+from rona_core.calibration.pivot.pivot_calibration import (
+    METHODS,
+    PivotFit,
+    PivotMethod,
+    solve_pivot,
+)
 from rona_core.calibration.pivot.pose_convention import require_convention
 from rona_core.calibration.pivot.quality import Verdict
 from rona_core.calibration.tracking_error import EVEN, MarkerNoise, tracked_from_poses
@@ -71,13 +75,7 @@ def calibrate_recorded_pivot(
     Raises:
         InvalidInputError: unknown method or dof, or poses in another convention, with its name.
     """
-    if dof not in (5, 6):
-        raise InvalidInputError(f"dof must be 6 or 5, not {dof}")
-    n = len(Ts_tracker_marker)
-    known = [name for name in get_args(PivotMethod) if name == method]
-    if not known:
-        wanted = ", ".join(get_args(PivotMethod))
-        raise InvalidInputError(f"method must be one of {wanted}, not {method!r}")
+    known, n = _known_method(dof, method), len(Ts_tracker_marker)
     if n < MIN_POSES:
         return _refused(f"too few poses: at least {MIN_POSES} are needed, not {n}", n)
     try:
@@ -86,7 +84,7 @@ def calibrate_recorded_pivot(
         fit = solve_recorded_pivot(
             Ts_tracker_marker,
             dof=dof,
-            method=known[0],
+            method=known,
             geometry_marker=geometry_marker,
             noise=noise,
         )
@@ -192,6 +190,15 @@ def _stand_in(Ts_tracker_marker: Poses, fit: PivotFit) -> Floats:
     if turn > 0.0:
         radius = float(np.clip(length * np.sqrt(2.0 * shift / turn), *RING_MM))
     return radius * RING
+
+
+def _known_method(dof: int, method: str) -> PivotMethod:
+    if dof not in (5, 6):
+        raise InvalidInputError(f"dof must be 6 or 5, not {dof}")
+    for name in METHODS:
+        if name == method:
+            return name
+    raise InvalidInputError(f"method must be one of {', '.join(METHODS)}, not {method!r}")
 
 
 def _refused(reason: str, n: int) -> RecordedPivotCalibration:

@@ -20,11 +20,11 @@ from rona_core.calibration.pivot.quality import (
     judge_pivot,
 )
 from rona_core.calibration.pivot.refusals import disagreement, refusal
+from rona_core.calibration.pivot.repeated_poses import repeated_poses
 from rona_core.calibration.pivot.sphere_fit import fit_sphere
 from rona_core.calibration.tracking_error import MarkerNoise, tracked_from_poses
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Vector3, readonly
-from rona_core.geometry.held_poses import repeated_poses
 from rona_core.geometry.pose import Poses
 
 PivotMethod = Literal["ml", "sphere"]

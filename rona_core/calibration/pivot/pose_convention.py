@@ -2,7 +2,7 @@
 
 A pivot checks the convention of its own poses: only poses of the marker in the tracker leave the
 tip in one place. Each change that people make by mistake is undone in turn, tip and pivot are
-fitted, and what the fits leave over is compared pose by pose (the test of Vuong 1989 on bounded
+fitted, and what the fits leave over is compared pose by pose (the test of [Vuong 1989] on bounded
 squares, with means over blocks because neighbouring poses share their errors).
 
 The inverse of a pivot is a pivot as well, with tip and pivot exchanged and the same residuals.
@@ -17,9 +17,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rona_core.calibration.pivot.initial_guess import robust_initial_guess
+from rona_core.calibration.pivot.repeated_poses import repeated_poses
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, Vector3
-from rona_core.geometry.held_poses import repeated_poses
 from rona_core.geometry.pose import Poses
 
 LONGEST_MM = 400.0  # from the markers of a hand-held pointer to its tip

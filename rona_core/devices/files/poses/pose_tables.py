@@ -85,9 +85,8 @@ def seen_poses(matrices: Floats) -> Bools:
     That is the identity, zeros, NaN in all places, or numbers beyond all measure.
     """
     top = matrices[:, :3].reshape(-1, 12)
-    none = np.isnan(top).all(axis=1) | _beyond(top)
-    none |= (top == 0.0).all(axis=1) | (top == np.eye(4)[:3].ravel()).all(axis=1)
-    return ~none
+    stand_ins = (np.isnan(top), top == 0.0, top == np.eye(4)[:3].ravel())
+    return ~(_beyond(top) | np.any([one.all(axis=1) for one in stand_ins], axis=0))
 
 
 def _beyond(values: Floats) -> Bools:

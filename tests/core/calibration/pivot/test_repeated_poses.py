@@ -6,8 +6,8 @@ from scipy.spatial.transform import Rotation
 
 from rona_core.calibration.handheld.imported_pivot import calibrate_recorded_pivot
 from rona_core.calibration.pivot.pivot_calibration import REPEATED, solve_pivot
+from rona_core.calibration.pivot.repeated_poses import repeated_poses
 from rona_core.errors import DegenerateGeometryError
-from rona_core.geometry.held_poses import repeated_poses
 from rona_core.geometry.pose import Poses
 from tests.helpers.pivot_data import BODY, TIP, poses
 from tests.helpers.recorded_pivots import random_pivot
