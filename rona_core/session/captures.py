@@ -40,6 +40,8 @@ class PointerCapture:
     base: ToolTrack | None = None  # the base marker meanwhile; None: nobody recorded it
     tracker_place: TrackerPlace = FIRST_PLACE  # as the set-up had it
     head: ToolTrack | None = field(default=None, metadata=OMIT_EMPTY)  # likewise, of the head
+    # (m, 3) mm, markers of an imported pivot, where its files have them
+    geometry_marker: Floats | None = field(default=None, metadata=OMIT_EMPTY)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -69,6 +69,7 @@ def _print(report: PivotReport) -> None:
         ("Scatter of the tip, RMS", _number(figures["rmse_mm"]), "mm"),
         ("Poses used", str(found.n_used), ""),
         ("Poses rejected", str(found.n_rejected), ""),
+        ("Poses that repeat the one before", str(found.n_repeated), ""),
     )
     for row in rows:
         table.add_row(*row)

@@ -4,12 +4,19 @@ Data that determine no tip are no accident here but an answer: the verdict is ba
 """
 
 from dataclasses import dataclass
-from typing import get_args
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rona_core.calibration.handheld.pointer import MIN_POSES
-from rona_core.calibration.pivot.pivot_calibration import PivotFit, PivotMethod, solve_pivot
+from rona_core.calibration.pivot.motion_extent import require_swing
+from rona_core.calibration.pivot.pivot_calibration import (
+    METHODS,
+    PivotFit,
+    PivotMethod,
+    solve_pivot,
+)
+from rona_core.calibration.pivot.pose_convention import require_convention
 from rona_core.calibration.pivot.quality import Verdict
 from rona_core.calibration.tracking_error import EVEN, MarkerNoise, tracked_from_poses
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
@@ -32,6 +39,7 @@ class RecordedPivotCalibration:
     reasons: tuple[str, ...]  # why not good, and what to do about it; none where it is good
     n_used: int
     n_rejected: int
+    n_repeated: int  # poses that only repeat the one before, neither used nor rejected
     tip_marker: Vector3 | None = None  # (3,) mm
     pivot_tracker: Vector3 | None = None  # (3,) mm
     sigma_mm: float | None = None  # predicted 3D standard deviation of the tip
@@ -44,8 +52,13 @@ def calibrate_recorded_pivot(
     dof: int = 6,
     method: str = "ml",
     geometry_marker: Floats | None = None,
+    noise: MarkerNoise | None = None,
+    direction_known: bool = False,
 ) -> RecordedPivotCalibration:
     """Return the tip of a marker that swung about it, with a verdict.
+
+    The poses must be those of the marker in the tracker; what else they may be is looked for, see
+    `require_convention`.
 
     "ml" takes the ratio of depth error to lateral error from the scatter of the tip. Where the
     markers are unknown, it assumes errors alike in all directions, of a ring of four whose radius
@@ -56,21 +69,25 @@ def calibrate_recorded_pivot(
         dof: 6; or 5 where only the z axis of the marker is known and the tip lies on it.
         method: "ml" or "sphere", as in `solve_pivot`.
         geometry_marker: Markers (m, 3) of the tool, where they are known.
+        noise: What is known of single markers; by default the shape of their errors is estimated.
+        direction_known: Whether the file names the frames of its poses.
 
     Raises:
-        InvalidInputError: unknown method or dof.
+        InvalidInputError: unknown method or dof, or poses in another convention, with its name.
     """
-    if dof not in (5, 6):
-        raise InvalidInputError(f"dof must be 6 or 5, not {dof}")
-    n = len(Ts_tracker_marker)
-    known = [name for name in get_args(PivotMethod) if name == method]
-    if not known:
-        wanted = ", ".join(get_args(PivotMethod))
-        raise InvalidInputError(f"method must be one of {wanted}, not {method!r}")
+    known, n = _known_method(dof, method), len(Ts_tracker_marker)
     if n < MIN_POSES:
         return _refused(f"too few poses: at least {MIN_POSES} are needed, not {n}", n)
     try:
-        fit = _solve(Ts_tracker_marker, dof, known[0], geometry_marker)
+        require_swing(Ts_tracker_marker.rotations, dof)
+        require_convention(Ts_tracker_marker, dof=dof, direction_known=direction_known)
+        fit = solve_recorded_pivot(
+            Ts_tracker_marker,
+            dof=dof,
+            method=known,
+            geometry_marker=geometry_marker,
+            noise=noise,
+        )
     except DegenerateGeometryError as error:
         return _refused(str(error), n)
     n_used = int(fit.used.sum())
@@ -78,7 +95,8 @@ def calibrate_recorded_pivot(
         verdict=fit.verdict,
         reasons=fit.reasons,
         n_used=n_used,
-        n_rejected=len(fit.used) - n_used,
+        n_rejected=len(fit.used) - n_used - fit.n_repeated,
+        n_repeated=fit.n_repeated,
         tip_marker=fit.tip_marker,
         pivot_tracker=fit.pivot_tracker,
         sigma_mm=fit.tip_sigma_mm,
@@ -86,9 +104,30 @@ def calibrate_recorded_pivot(
     )
 
 
-def _solve(
-    Ts_tracker_marker: Poses, dof: int, method: PivotMethod, geometry_marker: Floats | None
+def solve_recorded_pivot(
+    Ts_tracker_marker: Poses,
+    *,
+    dof: int,
+    method: PivotMethod,
+    geometry_marker: Floats | None,
+    noise: MarkerNoise | None = None,
+    exclude: ArrayLike | None = None,
 ) -> PivotFit:
+    """Return the tip as `calibrate_recorded_pivot` does, whatever the convention of the poses.
+
+    Args:
+        Ts_tracker_marker: Poses of the marker.
+        dof: 6 or 5.
+        method: "ml" or "sphere".
+        geometry_marker: Markers (m, 3) of the tool, where they are known.
+        noise: What is known of single markers, with their geometry.
+        exclude: (n,) True for poses that must not count.
+
+    Raises:
+        InvalidInputError: too few poses.
+        DegenerateGeometryError: the poses determine no tip.
+    """
+
     def solved(positions_marker: Floats, noise: MarkerNoise = EVEN) -> PivotFit:
         return solve_pivot(
             Ts_tracker_marker,
@@ -97,8 +136,11 @@ def _solve(
             at_least=MIN_POSES,
             positions_marker=positions_marker,
             noise=noise,
+            exclude=exclude,
         )
 
+    if geometry_marker is not None and noise is not None:
+        return solved(geometry_marker, noise)
     if geometry_marker is not None:
         even = solved(geometry_marker)
         if method == "sphere":
@@ -150,5 +192,14 @@ def _stand_in(Ts_tracker_marker: Poses, fit: PivotFit) -> Floats:
     return radius * RING
 
 
+def _known_method(dof: int, method: str) -> PivotMethod:
+    if dof not in (5, 6):
+        raise InvalidInputError(f"dof must be 6 or 5, not {dof}")
+    for name in METHODS:
+        if name == method:
+            return name
+    raise InvalidInputError(f"method must be one of {', '.join(METHODS)}, not {method!r}")
+
+
 def _refused(reason: str, n: int) -> RecordedPivotCalibration:
-    return RecordedPivotCalibration("bad", (reason,), 0, n)
+    return RecordedPivotCalibration("bad", (reason,), 0, n, 0)

@@ -5,7 +5,12 @@ from typing import Literal
 
 from numpy.typing import ArrayLike
 
-from rona_core.calibration.pivot.pivot_calibration import PivotMethod, RejectedPose, solve_pivot
+from rona_core.calibration.pivot.pivot_calibration import (
+    PivotFit,
+    PivotMethod,
+    RejectedPose,
+    solve_pivot,
+)
 from rona_core.calibration.pivot.quality import Verdict
 from rona_core.calibration.tracking_error import MarkerNoise
 from rona_core.geometry.arrays import Bools, Floats, Vector3, readonly
@@ -77,6 +82,13 @@ def calibrate_pointer(
         noise=noise,
         exclude=exclude,
     )
+    return pointer_calibration(fit, pointer=pointer, dof=dof, method=method)
+
+
+def pointer_calibration(
+    fit: PivotFit, *, pointer: str, dof: int, method: PivotMethod
+) -> PointerCalibration:
+    """Return a pivot as the calibration of a pointer."""
     return PointerCalibration(
         pointer=pointer,
         dof=dof,

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from rona_core.calibration.pivot.refusals import refusal
 from rona_core.calibration.pivot.sphere_fit import cap_half_angle_deg
-from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.arrays import Floats
 
 MIN_CONE_DEG = 5.0  # half-angle that the lever must cover
@@ -19,10 +19,7 @@ def require_cone(levers: Floats) -> float:
     """
     cone_deg = cap_half_angle_deg(levers)
     if cone_deg < MIN_CONE_DEG:
-        raise DegenerateGeometryError(
-            f"the swing covers a cone of only {cone_deg:.1f} degrees half-angle, "
-            f"{MIN_CONE_DEG:.0f} are needed"
-        )
+        raise refusal("narrow", degrees=cone_deg, least=MIN_CONE_DEG)
     return cone_deg
 
 
@@ -60,16 +57,8 @@ def require_swing(rotations: Floats, dof: int) -> None:
         spread = np.linalg.eigvalsh(moved)
         weakest, _, strongest = np.rad2deg(2.0 * np.sqrt(np.maximum(spread, 0.0)))
     if strongest < STATIC_DEG:
-        raise DegenerateGeometryError(
-            f"the marker hardly turned ({strongest:.2g} degrees): swing it about its tip"
-        )
+        raise refusal("still", degrees=strongest)
     if weakest < MIN_CROSS_DEG and strongest > 2.0 * MIN_CROSS_DEG:
-        raise DegenerateGeometryError(
-            f"the swing stays in one plane ({strongest:.1f} degrees one way, {weakest:.2g} the "
-            "other): swing in two directions"
-        )
+        raise refusal("one plane", strongest=strongest, weakest=weakest)
     if weakest < MIN_CROSS_DEG:
-        raise DegenerateGeometryError(
-            f"the swing covers only about {strongest:.1f} degrees half-angle, "
-            f"{MIN_CONE_DEG:.0f} are needed"
-        )
+        raise refusal("small", degrees=strongest, least=MIN_CONE_DEG)

@@ -19,9 +19,11 @@ from rona_core.calibration.pivot.quality import (
     correlated_poses,
     judge_pivot,
 )
+from rona_core.calibration.pivot.refusals import disagreement, refusal
+from rona_core.calibration.pivot.repeated_poses import repeated_poses
 from rona_core.calibration.pivot.sphere_fit import fit_sphere
 from rona_core.calibration.tracking_error import MarkerNoise, tracked_from_poses
-from rona_core.errors import DegenerateGeometryError, InvalidInputError
+from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Vector3, readonly
 from rona_core.geometry.pose import Poses
 
@@ -35,6 +37,7 @@ MAX_RMSE_MM = 5.0  # beyond this the tip did not stay in one place
 
 
 EXCLUDED, AWAY = "excluded by hand", "away from the common tip"
+REPEATED = "the same as the pose before"
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +59,7 @@ class PivotFit:
     residuals_mm: Floats  # (n,) distance of the tip, mapped by each pose, from the pivot
     used: Bools  # (n,) False for poses that do not count
     rejected: tuple[RejectedPose, ...]  # those, and why
+    n_repeated: int  # of those, poses that only repeat the one before
     rmse_mm: float  # of the residuals that were used
     tip_sigma_mm: float  # predicted 3D standard deviation of the tip
     cone_deg: float  # half-angle covered by the lever
@@ -87,6 +91,8 @@ def solve_pivot(
 ) -> PivotFit:
     """Return the tip in ``marker`` that stays at one place in ``tracker``.
 
+    A run of equal poses counts once: it is one measurement that the tracker repeated.
+
     Args:
         Ts_tracker_marker: Poses of the swinging marker, in the order they were taken.
         dof: 6; or 5 where only the z axis of the marker is known and the tip lies on it.
@@ -112,6 +118,10 @@ def solve_pivot(
     if n < at_least:
         raise InvalidInputError(f"a pivot needs at least {at_least} poses, not {n}")
     require_swing(Ts_tracker_marker.rotations[keep], dof)
+    keep = keep & ~repeated_poses(Ts_tracker_marker)
+    if keep.sum() < at_least:
+        raise refusal("repeated", n=int(keep.sum()), all=n, least=at_least)
+    n = int(keep.sum())
     if method == "sphere":
         estimate = _by_sphere(Ts_tracker_marker, keep, dof)
     elif positions_marker is None:
@@ -120,11 +130,14 @@ def solve_pivot(
         model = noise or MarkerNoise()
         estimate = _most_likely(Ts_tracker_marker, positions_marker, keep, dof, model)
     if estimate.used.sum() < max(at_least, MIN_SHARE * n):
-        raise DegenerateGeometryError(
-            f"{n - int(estimate.used.sum())} of {n} poses disagree with the tip that the others "
-            "share: the tip has slipped"
-        )
-    return _judged(Ts_tracker_marker, estimate, keep, dof)
+        raise disagreement(*_equations(Ts_tracker_marker, dof), keep)
+    return _judged(Ts_tracker_marker, estimate, as_keep(exclude, len(keep)), keep, dof)
+
+
+def _equations(Ts_tracker_marker: Poses, dof: int) -> tuple[Floats, Floats]:
+    """Return levers (n, 3, k), the ways in which the tip may move, and origins (n, 3)."""
+    R = Ts_tracker_marker.rotations
+    return (R if dof == 6 else R[:, :, 2:]), Ts_tracker_marker.translations
 
 
 def _most_likely(
@@ -137,10 +150,7 @@ def _most_likely(
     tracked = tracked_from_poses(Ts_tracker_marker, positions_marker, noise, dof=dof)
     found = estimate_tip(tracked, dof=dof, keep=keep)
     if not found.settled:
-        raise DegenerateGeometryError(
-            f"the {int(keep.sum())} poses do not settle on one tip: swing further, and hold the "
-            "tip in its place"
-        )
+        raise disagreement(*_equations(Ts_tracker_marker, dof), keep)
     used = found.weights > 0.0
     return _Estimate(found.tip_marker, found.pivot_tracker, found.covariance, used, found.sigma_mm)
 
@@ -149,7 +159,7 @@ def _by_sphere(Ts_tracker_marker: Poses, keep: Bools, dof: int) -> _Estimate:
     """Fit a sphere to the marker origins of the poses that agree on a tip."""
     R, t = Ts_tracker_marker.rotations, Ts_tracker_marker.translations
     known = np.eye(3) if dof == 6 else np.diag((0.0, 0.0, 1.0))  # directions the tip may move in
-    levers = R @ (known if dof == 6 else known[:, 2:])
+    levers, _ = _equations(Ts_tracker_marker, dof)
     x = robust_initial_guess(levers, t, keep)
     misses = np.linalg.norm(levers @ x[:-3] + t - x[-3:], axis=1)
     used = keep & (misses <= GROSS * max(float(np.median(misses[keep])), GROSS_FLOOR_MM))
@@ -162,8 +172,18 @@ def _by_sphere(Ts_tracker_marker: Poses, keep: Bools, dof: int) -> _Estimate:
     return _Estimate(known @ pivots_marker.mean(axis=0), sphere.center, covariance, used, None)
 
 
-def _judged(Ts_tracker_marker: Poses, estimate: _Estimate, keep: Bools, dof: int) -> PivotFit:
-    """Check the swing of the poses used, list what was rejected and judge the result."""
+def _judged(
+    Ts_tracker_marker: Poses, estimate: _Estimate, wanted: Bools, keep: Bools, dof: int
+) -> PivotFit:
+    """Check the swing of the poses used, list what was rejected and judge the result.
+
+    Args:
+        Ts_tracker_marker: Poses (n,).
+        estimate: Tip and pivot.
+        wanted: (n,) False for poses excluded by hand.
+        keep: (n,) False for those that repeat the one before, too.
+        dof: 6 or 5.
+    """
     tip, used = estimate.tip_marker, estimate.used
     misses = Ts_tracker_marker @ tip - estimate.pivot_tracker
     residuals = np.linalg.norm(misses, axis=1)
@@ -171,23 +191,19 @@ def _judged(Ts_tracker_marker: Poses, estimate: _Estimate, keep: Bools, dof: int
     levers = Ts_tracker_marker.rotations[used] @ (tip / float(np.linalg.norm(tip)))
     cone_deg = require_cone(levers)
     if dof == 5 and tip[2] <= 0.0:
-        raise DegenerateGeometryError(
-            f"the tip lies {-tip[2]:.1f} mm behind the markers: z must point to the tip"
-        )
+        raise refusal("behind", distance=-tip[2])
     rmse_mm = float(np.sqrt((residuals[used] ** 2).mean()))
     if rmse_mm > MAX_RMSE_MM:
-        raise DegenerateGeometryError(
-            f"the tip scatters by {rmse_mm:.1f} mm about its pivot: it has slipped"
-        )
+        raise disagreement(*_equations(Ts_tracker_marker, dof), keep, rmse_mm)
     by_sphere = estimate.marker_sigma_mm is None
     alike = 1.0 if by_sphere else correlated_poses(misses[used])
     covariance = estimate.covariance * alike
-    rejected = rejected_poses(residuals, used, keep)
+    rejected = rejected_poses(residuals, used, wanted, keep)
     facts = PivotFacts(
         tip_sigma_mm=float(np.sqrt(np.trace(covariance[:3, :3]))),
         cone_deg=cone_deg,
         swing_deg=swing_of_shaft_deg(levers),
-        n=len(residuals),
+        n=int(keep.sum()),
         n_used=int(used.sum()),
         narrowness=2 if by_sphere else 1,
         marker_sigma_mm=estimate.marker_sigma_mm,
@@ -202,6 +218,7 @@ def _judged(Ts_tracker_marker: Poses, estimate: _Estimate, keep: Bools, dof: int
         residuals_mm=readonly(residuals),
         used=readonly(used),
         rejected=rejected,
+        n_repeated=int((wanted & ~keep).sum()),
         rmse_mm=rmse_mm,
         tip_sigma_mm=facts.tip_sigma_mm,
         cone_deg=cone_deg,
@@ -211,17 +228,20 @@ def _judged(Ts_tracker_marker: Poses, estimate: _Estimate, keep: Bools, dof: int
     )
 
 
-def rejected_poses(residuals: Floats, used: Bools, keep: Bools) -> tuple[RejectedPose, ...]:
+def rejected_poses(
+    residuals: Floats, used: Bools, wanted: Bools, keep: Bools
+) -> tuple[RejectedPose, ...]:
     """Return every pose that does not count.
 
     Args:
         residuals: (n,) distance of the tip from the pivot in mm.
         used: (n,) which poses count.
-        keep: (n,) which poses were not excluded by hand.
+        wanted: (n,) which poses were not excluded by hand.
+        keep: (n,) which of those do not repeat the one before.
     """
+    reasons = np.where(keep, AWAY, np.where(wanted, REPEATED, EXCLUDED)).tolist()
     return tuple(
-        RejectedPose(int(row), float(residuals[row]), AWAY if keep[row] else EXCLUDED)
-        for row in np.flatnonzero(~used)
+        RejectedPose(int(row), float(residuals[row]), reasons[row]) for row in np.flatnonzero(~used)
     )
 
 

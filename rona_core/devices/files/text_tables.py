@@ -70,21 +70,13 @@ def is_number(cell: str) -> bool:
 def read_table(file: NamedFile) -> Table:
     """Read a text file whose cells are separated by commas, semicolons, tabs or spaces.
 
-    Cells between semicolons may have a decimal comma. The first row is a header if none of its
-    cells is a number.
+    Cells between semicolons, tabs or spaces may have a decimal comma. The first row is a header if
+    none of its cells is a number. The text is UTF-8, or UTF-16 as some programs export it.
 
     Raises:
         InvalidInputError: not text, or nothing in it.
     """
-    try:
-        text = file.data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InvalidInputError(
-            f"{file.name}: expected text, got bytes that are none ({error.reason} at byte "
-            f"{error.start})"
-        ) from error
-    if "\0" in text:
-        raise InvalidInputError(f"{file.name}: expected text, got a binary file")
+    text = _text(file)
     text = text.replace('"', "")  # around names and numbers, of spreadsheets
     rows: list[tuple[str, ...]] = []
     lines: list[int] = []
@@ -93,16 +85,14 @@ def read_table(file: NamedFile) -> Table:
         stripped = line.strip()
         if not stripped or stripped.startswith("#"):
             continue
-        if not rows:
-            separator = next((mark for mark in ";,\t" if mark in stripped), None)
-            if separator == "\t" and any(" " in cell.strip() for cell in stripped.split("\t")):
-                separator = None  # tabs and spaces mixed
+        if len(rows) < 2:  # the header says less than the first numbers
+            separator = _separator(stripped)
         if separator is None:
             cells = tuple(stripped.split())
         else:
             # a tab at the end of a line is an empty cell, so only line ends are taken off
             cells = tuple(cell.strip() for cell in line.strip("\r\n").split(separator))
-        if separator == ";":
+        if separator != ",":
             cells = tuple(map(_with_point, cells))
         rows.append(_without_last(cells))
         lines.append(number)
@@ -113,6 +103,39 @@ def read_table(file: NamedFile) -> Table:
         header = tuple(cell.lower() for cell in rows.pop(0))
         lines.pop(0)
     return Table(file.name, header, tuple(rows), tuple(lines))
+
+
+def _text(file: NamedFile) -> str:
+    """Return the text of a file.
+
+    Raises:
+        InvalidInputError: it has none.
+    """
+    wide = file.data[:2] in (b"\xff\xfe", b"\xfe\xff")
+    try:
+        text = file.data.decode("utf-16" if wide else "utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InvalidInputError(
+            f"{file.name}: expected text, got bytes that are none ({error.reason} at byte "
+            f"{error.start}): save it as UTF-8"
+        ) from error
+    if "\0" in text:
+        raise InvalidInputError(f"{file.name}: expected text, got a binary file")
+    return text
+
+
+def _separator(line: str) -> str | None:
+    """Return what stands between the cells of a line; None for spaces."""
+    if ";" in line:
+        return ";"
+    cells = line.split()
+    # commas are decimal where they stand inside of all numbers, and something else between these
+    decimal = len(cells) > 1 and all(re.fullmatch(r"[^,]*\d,\d[^,]*|[^,]*", c) for c in cells)
+    if "," in line and not decimal:
+        return ","
+    if "\t" in line and not any(" " in cell.strip() for cell in line.split("\t")):
+        return "\t"
+    return None  # spaces, or tabs and spaces mixed
 
 
 def _with_point(cell: str) -> str:

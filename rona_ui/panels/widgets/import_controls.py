@@ -14,8 +14,9 @@ PIVOTS = ".mha,.csv,.txt,.zip"
 GEOMETRIES = ".csv,.txt,.rom"
 WORDS: dict[Purpose, str] = {
     "pivot": (
-        "A recording (.igs.mha), 4 x 4 matrices as text (16 numbers a row, or a zip with one "
-        "file each), or rows of frame,marker,x,y,z with the tool geometry, in mm."
+        "A recording (.igs.mha), a table with a pose in each row (matrix, or position and "
+        "quaternion), a zip with a 4 x 4 matrix in each file, or rows of frame,marker,x,y,z with "
+        "the tool geometry. Poses of the marker in the tracker, in mm."
     ),
     "surface": "A recording of the pointer (.igs.mha) from PLUS, 3D Slicer or RONA.",
     "path": "A recording of the pointer (.igs.mha) from PLUS, 3D Slicer or RONA.",

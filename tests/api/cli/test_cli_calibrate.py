@@ -16,7 +16,8 @@ from tests.helpers.pivot_data import (
     rows_file,
 )
 
-KEYS = ["tip_mm", "pivot_mm", "sigma_mm", "rmse_mm", "n_used", "n_rejected", "verdict", "reasons"]
+KEYS = ["tip_mm", "pivot_mm", "sigma_mm", "rmse_mm", "n_used", "n_rejected", "n_repeated"]
+KEYS += ["verdict", "reasons"]
 
 
 @pytest.fixture
@@ -85,7 +86,7 @@ def test_a_table_for_people(put, capsys):
     file = put(rows_file(poses(n=40, half_angle_deg=8.0, sigma_mm=0.3)[0]))
     assert main(["calibrate", "pivot", file]) == 0
     out = capsys.readouterr().out
-    for words in ("40 poses from rows of matrices", "Tip in the marker frame", "Verdict", "weak"):
+    for words in ("40 poses from rows of poses", "Tip in the marker frame", "Verdict", "weak"):
         assert words in out
     assert "sweep to 20 degrees" in out
 

@@ -1,15 +1,32 @@
-"""Calibrate a pivot from files without a session: for the command line and scripts."""
+"""Pivots from files: what was read, checked and calibrated, for terminal, REST and page alike."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from numpy.typing import ArrayLike
+
 from rona_core.calibration.handheld.imported_pivot import (
     RecordedPivotCalibration,
     calibrate_recorded_pivot,
+    solve_recorded_pivot,
 )
+from rona_core.calibration.handheld.pointer import (
+    MIN_POSES,
+    PointerCalibration,
+    pointer_calibration,
+)
+from rona_core.calibration.pivot.motion_extent import require_swing
+from rona_core.calibration.pivot.pivot_calibration import PivotMethod
+from rona_core.calibration.pivot.pose_convention import require_convention
+from rona_core.calibration.tracking_error import MarkerNoise
 from rona_core.devices.files.poses.pivot_recordings import RecordedPivot, read_pivot
 from rona_core.devices.files.text_tables import NamedFile
+from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.errors import DegenerateGeometryError, InvalidInputError
+from rona_core.geometry.arrays import Floats
+from rona_core.geometry.pose import Poses
+from rona_core.session.captures import PointerCapture
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,6 +46,7 @@ class PivotReport:
             "rmse_mm": found.rmse_mm,
             "n_used": found.n_used,
             "n_rejected": found.n_rejected,
+            "n_repeated": found.n_repeated,
             "verdict": found.verdict,
             "reasons": list(found.reasons),
         }
@@ -42,17 +60,74 @@ def report_pivot(
     dof: int = 6,
     method: str = "ml",
 ) -> PivotReport:
-    """Read files as ``devices.pivot_files.read_pivot`` does, and calibrate the tip.
+    """Read files as `read_pivot` does, and calibrate the tip.
 
     Raises:
-        InvalidInputError: the files hold no poses; it says which line.
+        InvalidInputError: the files hold no poses, it says which line; or poses in another
+            convention, with its name.
         DegenerateGeometryError: markers that determine no pose.
     """
     pivot = read_pivot(files, geometry=geometry, tool=tool, dof=dof)
-    calibration = calibrate_recorded_pivot(
-        pivot.track.Ts_tracker_marker,
+    geometry_marker, noise = known_markers(pivot.track.tool, pivot.geometry_marker)
+    try:
+        calibration = calibrate_recorded_pivot(
+            pivot.track.Ts_tracker_marker,
+            dof=dof,
+            method=method,
+            geometry_marker=geometry_marker,
+            noise=noise,
+            direction_known=pivot.direction_known,
+        )
+    except InvalidInputError as error:
+        raise InvalidInputError(f"{pivot.name}: {error}", **error.data) from error
+    return PivotReport(pivot, calibration)
+
+
+def require_marker_poses(poses: Poses, name: str, *, dof: int, direction_known: bool) -> None:
+    """Refuse a pivot from a file as `report_pivot` would, where its convention is another.
+
+    Too few poses, or poses that turned too little to show it, are left to the calibration.
+
+    Raises:
+        InvalidInputError: the convention, with its name.
+    """
+    if len(poses) < MIN_POSES:
+        return
+    try:
+        require_swing(poses.rotations, dof)
+        require_convention(poses, dof=dof, direction_known=direction_known)
+    except DegenerateGeometryError:
+        return
+    except InvalidInputError as error:
+        raise InvalidInputError(f"{name}: {error}", **error.data) from error
+
+
+def known_markers(
+    tool: str, geometry_marker: Floats | None
+) -> tuple[Floats | None, MarkerNoise | None]:
+    """Return markers (m, 3) and what is known of their noise: those of a file, or of our tools."""
+    if geometry_marker is None and tool in GEOMETRIES:
+        return GEOMETRIES[tool].positions_marker, MarkerNoise()
+    return geometry_marker, None
+
+
+def calibrate_imported(
+    capture: PointerCapture, *, method: PivotMethod, exclude: ArrayLike | None
+) -> PointerCalibration:
+    """Return the calibration of an imported pivot: tip, verdict and reasons of `report_pivot`.
+
+    Raises:
+        InvalidInputError: too few poses.
+        DegenerateGeometryError: the poses determine no tip.
+    """
+    dof = GEOMETRIES[capture.pointer].dof
+    geometry_marker, noise = known_markers(capture.marker.tool, capture.geometry_marker)
+    fit = solve_recorded_pivot(
+        capture.marker.Ts_tracker_marker,
         dof=dof,
         method=method,
-        geometry_marker=pivot.geometry_marker,
+        geometry_marker=geometry_marker,
+        noise=noise,
+        exclude=exclude,
     )
-    return PivotReport(pivot, calibration)
+    return pointer_calibration(fit, pointer=capture.pointer, dof=dof, method=method)

@@ -8,6 +8,7 @@ from rona_core.app.messages.serialization import message_from
 from rona_core.app.runtime.handling import compute_result, record
 from rona_core.app.runtime.recording import capture_hand
 from rona_core.app.steps.pointer.messages import CalibratePointer, ExcludePoses, StartPointerCapture
+from rona_core.app.steps.pointer.pivot_report import calibrate_imported
 from rona_core.app.steps.pointer.tracker_field import with_tracker_field
 from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.tool.derivation import excluded_mask
@@ -15,7 +16,7 @@ from rona_core.app.steps.tool.messages import RegisterTool
 from rona_core.calibration.handheld.pointer import PointerCalibration, calibrate_pointer
 from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.errors import StepBlockedError
-from rona_core.session.captures import PointerCapture
+from rona_core.session.captures import PointerCapture, is_imported
 from rona_core.session.document import Session
 
 POINTER_CAPTURE, POINTER = capture_input("pointer"), result_input("pointer")
@@ -54,14 +55,18 @@ def derive_pointer(session: Session, message: CalibratePointer) -> PointerCalibr
     """
     capture = require_result(session.captures.pointer, "record the pivoting of the pointer")
     geometry = GEOMETRIES[capture.pointer]
-    made = calibrate_pointer(
-        capture.marker.Ts_tracker_marker,
-        pointer=capture.pointer,
-        dof=geometry.dof,
-        method=message.method,
-        positions_pointermarker=geometry.positions_marker,
-        exclude=excluded_mask(message.exclude, len(capture.marker.times_s)),
-    )
+    exclude = excluded_mask(message.exclude, len(capture.marker.times_s))
+    if is_imported(capture):
+        made = calibrate_imported(capture, method=message.method, exclude=exclude)
+    else:
+        made = calibrate_pointer(
+            capture.marker.Ts_tracker_marker,
+            pointer=capture.pointer,
+            dof=geometry.dof,
+            method=message.method,
+            positions_pointermarker=geometry.positions_marker,
+            exclude=exclude,
+        )
     return with_tracker_field(made, capture, error_field(session.setup.devices.tracker))
 
 

@@ -33,9 +33,10 @@ class StartRecordingImport:
 class StartPivotImport:
     """Take a pivot that was recorded elsewhere (uploaded before) as that of the pointer; calibrate.
 
-    The files hold one 4 x 4 matrix each, or sixteen numbers a row, or `frame,marker,x,y,z` in mm
-    with the markers of the tool as ``geometry`` (`marker,x,y,z` or `.rom`), or are one `.igs.mha`.
-    A zip stands for the files in it.
+    The files hold one 4 x 4 matrix each, or a pose a row (matrix, or position and quaternion), or
+    `frame,marker,x,y,z` in mm with the markers of the tool as ``geometry`` (`marker,x,y,z` or
+    `.rom`), or are one `.igs.mha`. A zip stands for the files in it. Poses in another convention
+    than those of the marker in the tracker are refused by the name of the change.
     """
 
     files: tuple[str, ...] = limited(**FILE_NAME, minItems=1, maxItems=MAX_FILES)

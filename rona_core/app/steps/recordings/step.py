@@ -10,6 +10,7 @@ from rona_core.app.runtime.handling import record
 from rona_core.app.runtime.recording import begin
 from rona_core.app.steps.path.messages import BuildPath, StartPathCapture
 from rona_core.app.steps.pointer.messages import CalibratePointer, StartPointerCapture
+from rona_core.app.steps.pointer.pivot_report import require_marker_poses
 from rona_core.app.steps.recordings.messages import StartPivotImport, StartRecordingImport
 from rona_core.app.steps.surface.messages import BuildSurface, StartSurfaceCapture
 from rona_core.devices.files.poses.igs_mha import read_igs_mha
@@ -38,15 +39,20 @@ def import_recording(
 
     Raises:
         NotFoundError: the file was not uploaded.
-        InvalidInputError: it is no recording, the tool is not in it, or it is in metres.
+        InvalidInputError: it is no recording, the tool is not in it, it is in metres, or the poses
+            of a pivot are in another convention.
         DeviceError: the tool was seen in no frame.
     """
     file = _uploaded(activity.file, context)
-    recording = read_igs_mha(file.data, file.name)
+    recording = read_igs_mha(file.data, file.name, pivot=activity.purpose == "pivot")
     pointer = session.setup.devices.pointer
     tool = chosen_tool(recording, activity.tool, pointer, file.name)
     alone, partial = recording.only(tool).from_zero(), False
-    require_millimetres(alone.track(tool).Ts_tracker_marker.translations, file.name)
+    poses = alone.track(tool).Ts_tracker_marker
+    require_millimetres(poses.translations, file.name)
+    if activity.purpose == "pivot":
+        dof = GEOMETRIES[pointer].dof
+        require_marker_poses(poses, file.name, dof=dof, direction_known=True)
     if activity.play:
         track, partial = _play(alone, tool, session, context)
     else:
@@ -75,8 +81,15 @@ def import_pivot(
         usual=pointer,
         dof=GEOMETRIES[pointer].dof,
     )
+    require_marker_poses(
+        pivot.track.Ts_tracker_marker,
+        pivot.name,
+        dof=GEOMETRIES[pointer].dof,
+        direction_known=pivot.direction_known,
+    )
     used = [*files, geometry] if geometry is not None else files
-    return _capture(session, pivot.track, used, partial=False)
+    made = _capture(session, pivot.track, used, partial=False)
+    return replace(made, geometry_marker=pivot.geometry_marker)
 
 
 def _uploaded(name: str, context: ActivityContext) -> NamedFile:

@@ -5,12 +5,14 @@ itself is one dark pixel a frame. Poses are those of the tool's marker in the tr
 Format: the PLUS user manual, page "Sequence file".
 """
 
+import re
 from typing import get_args
 
 import numpy as np
 
 from rona_core.devices.files.poses.igs_mha_header import Header, read_header
 from rona_core.devices.files.poses.pose_matrices import poses_from_matrices
+from rona_core.devices.files.poses.pose_tables import seen_poses
 from rona_core.devices.recording import RecordedTool, Recording
 from rona_core.devices.samples import WITH_POSE, ToolStatus
 from rona_core.devices.settings import TOOLS
@@ -19,6 +21,7 @@ from rona_core.errors import InvalidInputError
 SUFFIX = ".igs.mha"
 TO_TRACKER = "ToTrackerTransform"
 STATUS = "ToTrackerTransformStatus"
+TO_ANY = re.compile(r"(\w+?)(To[A-Z]\w*?Transform)")
 RMS = "ToTrackerRmsErrorMm"  # ours; others keep such fields without looking at them
 REASON = "ToTrackerReason"  # ours: why a tool was not seen, or only in part
 CAPTURE_FRAMES = "CaptureFrames"  # ours: frames of the capture, also those that are not in here
@@ -108,18 +111,25 @@ def _frame_lines(name: str, column: RecordedTool) -> list[list[str]]:
 # ------------------------------------------------------------------ reading
 
 
-def read_igs_mha(data: bytes, name: str = "recording.igs.mha") -> Recording:
+def read_igs_mha(data: bytes, name: str = "recording.igs.mha", *, pivot: bool = False) -> Recording:
     """Read a sequence file: one of ours, or one of PLUS, compressed or not, with or without images.
 
     Times and frame numbers are those of the file; frames without a number count from 0. The tools
     of RONA are known whatever the case of their letters.
+
+    A pivot needs no tracker and no clock: with ``pivot`` the poses may be in another frame, such as
+    a reference body, if it is one for all tools, and frames whose times do not grow count seconds.
 
     Raises:
         InvalidInputError: not such a file, damaged, or with fields that do not fit; it says where.
     """
     header = read_header(data, name)
     n = header.n_frames
-    names = header.names_with(TO_TRACKER)
+    ending = TO_TRACKER
+    names = header.names_with(ending)
+    if not names and pivot:
+        ending = _only_ending(header) or ending
+        names = header.names_with(ending)
     if not names:
         others = ", ".join(header.names_with("Transform")) or "none at all"
         raise InvalidInputError(
@@ -128,15 +138,20 @@ def read_igs_mha(data: bytes, name: str = "recording.igs.mha") -> Recording:
     own = [_tool_name(written) for written in names]
     if len(set(own)) != len(own):
         raise InvalidInputError(f"{name}: two tools have the same name in {', '.join(names)}")
-    columns = [_read_tool(header, written, tool) for written, tool in zip(names, own, strict=True)]
+    columns = [
+        _read_tool(header, written, tool, ending) for written, tool in zip(names, own, strict=True)
+    ]
     numbers = header.column("FrameNumber", int, optional=True)
+    times_s = np.array(header.column("Timestamp", float), dtype=np.float64)
+    if pivot and not (np.diff(times_s) > 0.0).all():
+        times_s = np.arange(n, dtype=np.float64)
     n_frames = n
     if CAPTURE_FRAMES in header.fields:
         n_frames = header.whole(CAPTURE_FRAMES)
     try:
         return Recording(
             numbers=np.arange(n) if numbers is None else np.array(numbers, dtype=np.int64),
-            times_s=np.array(header.column("Timestamp", float), dtype=np.float64),
+            times_s=times_s,
             tools=tuple(columns),
             n_frames=n_frames,
         )
@@ -148,24 +163,37 @@ def _tool_name(written: str) -> str:
     return next((tool for tool in TOOLS if tool == written.lower()), written)
 
 
-def _read_tool(header: Header, written: str, tool: str) -> RecordedTool:
-    statuses: list[ToolStatus] = [_status(header, i, written) for i in range(header.n_frames)]
+def _only_ending(header: Header) -> str | None:
+    """Return how all transforms of all frames end, such as ToReferenceTransform; None if not so."""
+    fields = {field for frame in header.frames for field in frame}
+    found = {match[2] for field in fields if (match := TO_ANY.fullmatch(field)) is not None}
+    return found.pop() if len(found) == 1 else None
+
+
+def _read_tool(header: Header, written: str, tool: str, ending: str) -> RecordedTool:
+    n = header.n_frames
+    statuses: list[ToolStatus] = [_status(header, i, written, ending) for i in range(n)]
     seen = [i for i, status in enumerate(statuses) if status in WITH_POSE]
-    field = f"{written}{TO_TRACKER}"
+    field = f"{written}{ending}"
     matrices = np.array([header.matrix(i, field) for i in seen], dtype=np.float64)
+    matrices = matrices.reshape(-1, 4, 4)
+    there = seen_poses(matrices)  # some programs call the identity OK
+    for i in np.flatnonzero(~there).tolist():
+        statuses[seen[i]] = "out_of_view"
+    seen = [i for i, status in enumerate(statuses) if status in WITH_POSE]
     poses, _ = poses_from_matrices(
-        matrices.reshape(-1, 4, 4), lambda k: f"{header.name}, frame {seen[k]}, {field}"
+        matrices[there], lambda k: f"{header.name}, frame {seen[k]}, {field}"
     )
-    errors = np.zeros(header.n_frames)
-    known = np.zeros(header.n_frames, dtype=np.bool_)
-    for i in range(header.n_frames):
+    errors = np.zeros(n)
+    known = np.zeros(n, dtype=np.bool_)
+    for i in range(n):
         if f"{written}{RMS}" in header.frames[i]:
             errors[i], known[i] = header.number(i, f"{written}{RMS}", float), True
     return RecordedTool(tool, tuple(statuses), poses, errors, known)
 
 
-def _status(header: Header, frame: int, written: str) -> ToolStatus:
-    field = f"{written}{STATUS}"
+def _status(header: Header, frame: int, written: str, ending: str) -> ToolStatus:
+    field = f"{written}{ending}Status"
     word = header.text(frame, field)
     status = STATUSES.get(word.upper().removeprefix("TOOL_"))
     if status is None:

@@ -14,6 +14,8 @@ LEAST = {6: 3, 5: 2}  # markers that a frame must have seen, by degrees of freed
 MAX_OFF_MM = 2.0  # a distance of two markers, or the fit, may be off by this (median over frames)
 METRES = (0.8e-3, 1.25e-3)  # a distance over the known one where the file has metres
 OFF_LINE_MM = 0.5  # markers of a 5D tool may lie beside its line by this
+MIRRORED = 2.0  # the fit of a right geometry is not as much worse than that of its mirror image
+MIRRORED_MM = 0.2  # ... and this, which markers on one plane make of their noise
 CLOSEST_MM = 2.0  # two markers of a tool are farther apart than this
 
 
@@ -100,13 +102,31 @@ def fit_frames(frames: MarkerFrames, geometry: MarkerGeometryFile | None, dof: i
         row = error.data.get("row", 0)
         number = int(numbers[enough][row if isinstance(row, int) else 0])
         raise DegenerateGeometryError(f"{frames.name}, frame {number}: {error}") from error
+    if dof == 6:
+        _require_handedness(fits, positions, points, seen, frames.name)
     off_mm = float(np.median(fits.rms_mm))
     if off_mm > MAX_OFF_MM:
         raise InvalidInputError(
             f"{frames.name}: the markers fit the geometry to {off_mm:.1f} mm only, "
-            f"{MAX_OFF_MM:g} are allowed: is it mirrored, or are markers named in another order?"
+            f"{MAX_OFF_MM:g} are allowed: name the markers as in the geometry, or load that of "
+            "this tool"
         )
     return FittedFrames(fits, numbers[enough], positions)
+
+
+def _require_handedness(
+    fits: ManyFits, positions: Floats, points: Floats, seen: Bools, name: str
+) -> None:
+    """Refuse markers that fit the mirror image of their geometry; on one plane both fit alike."""
+    mirrored = fit_rigid_many(positions * (1.0, 1.0, -1.0), points, seen)
+    off, mirrored_off = (float(np.median(fit.rms_mm)) for fit in (fits, mirrored))
+    if off > MIRRORED * mirrored_off + MIRRORED_MM:
+        raise InvalidInputError(
+            f"{name}: the markers fit the mirror image of the geometry to {mirrored_off:.2g} mm, "
+            f"itself to {off:.2g} mm: one axis is mirrored in either. Change the sign of one "
+            "coordinate in the file that is wrong",
+            change="mirrored",
+        )
 
 
 def _own_geometry(frames: MarkerFrames, dof: int) -> Floats:

@@ -16,6 +16,12 @@ from rona_core.devices.files.poses.marker_body_fit import (
 )
 from rona_core.devices.files.poses.marker_positions import read_geometry_table, read_marker_frames
 from rona_core.devices.files.poses.pose_matrices import poses_from_matrices, require_millimetres
+from rona_core.devices.files.poses.pose_tables import (
+    EXPECTED,
+    is_pose_table,
+    read_pose_rows,
+    seen_poses,
+)
 from rona_core.devices.files.size_limits import open_zip, read_member
 from rona_core.devices.files.text_tables import NamedFile, Table, read_table
 from rona_core.devices.recording import Recording
@@ -24,7 +30,7 @@ from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, Ints, readonly
 from rona_core.geometry.pose import Poses
 
-PivotKind = Literal["matrix files", "rows of matrices", "marker positions", "sequence"]
+PivotKind = Literal["matrix files", "rows of poses", "marker positions", "sequence"]
 NAME = "marker"  # of the tool in files that do not say it
 MAX_UNPACKED_BYTES = 256 * 1024**2  # of all files of a zip together
 MAX_TEXT_BYTES = 16 * 1024**2  # of all tables together: 50 000 poses with all digits
@@ -36,10 +42,16 @@ SINGLE = ("marker positions", "sequence")  # kinds of which there is one file at
 class RecordedPivot:
     """Poses of a marker that were recorded while its tip rested, as files gave them."""
 
+    name: str  # of the file, or the first of several
     kind: PivotKind
     track: ToolTrack  # files without times count seconds: frame k is at k s
     geometry_marker: Floats | None  # (m, 3) marker positions, where they are known
     rounding: float  # how far the rotations were from rigid; they have been made so
+
+    @property
+    def direction_known(self) -> bool:
+        """Whether the file names the two frames of its poses."""
+        return self.kind == "sequence"
 
 
 def read_pivot(
@@ -53,9 +65,9 @@ def read_pivot(
     """Read the poses of a pivot; what kind of file it is, its contents say.
 
     Args:
-        files: One 4 x 4 matrix each; or CSV with sixteen numbers a row (row by row, with or
-            without header); or one CSV ``frame,marker,x,y,z`` in mm; or one ``.igs.mha``. A zip
-            stands for the files in it.
+        files: One 4 x 4 matrix each; or CSV with a pose in each row, as `read_pose_rows` reads
+            it; or one CSV ``frame,marker,x,y,z`` in mm; or one ``.igs.mha``. A zip stands for the
+            files in it.
         geometry: Markers of the tool, CSV ``marker,x,y,z`` in mm or ``.rom``.
         tool: Which tool of a sequence, where it has several.
         usual: The one that is meant where several are there and none is named.
@@ -77,23 +89,33 @@ def read_pivot(
     _require_one_kind([(file.name, its_kind) for file, its_kind, _ in read])
     known = None if markers is None else readonly(markers.positions_marker)
     if kind == "sequence":
-        recording = read_igs_mha(first.data, first.name)
+        recording = read_igs_mha(first.data, first.name, pivot=True)
         track = recording.track(chosen_tool(recording, tool, usual, first.name))
+        _require_seen(len(track.times_s), first.name)
         require_millimetres(track.Ts_tracker_marker.translations, first.name)
-        return RecordedPivot(kind, track, known, 0.0)
+        return RecordedPivot(first.name, kind, track, known, 0.0)
     if kind == "marker positions" and table is not None:
         frames = read_marker_frames(table)
         found = fit_frames(frames, markers, dof)
         poses, rms_mm = found.fits.Ts_b_a, found.fits.rms_mm
         require_millimetres(poses.translations, first.name)
         track = _track(tool or NAME, found.numbers, poses, rms_mm, len(frames.numbers))
-        return RecordedPivot(kind, track, readonly(found.positions_marker), 0.0)
-    poses, rounding = _read_matrices([t for _, _, t in read if t is not None], kind)
+        return RecordedPivot(first.name, kind, track, readonly(found.positions_marker), 0.0)
     what = first.name if len(read) == 1 else f"{first.name} and {len(read) - 1} more files"
+    tables = [t for _, _, t in read if t is not None]
+    poses, rounding, numbers, n_frames = _read_matrices(tables, kind)
+    _require_seen(len(poses), what)
     require_millimetres(poses.translations, what)
-    numbers = np.arange(len(poses), dtype=np.int64)
-    track = _track(tool or NAME, numbers, poses, np.zeros(len(poses)), len(poses))
-    return RecordedPivot(kind, track, known, rounding)
+    track = _track(tool or NAME, numbers, poses, np.zeros(len(poses)), n_frames)
+    return RecordedPivot(what, kind, track, known, rounding)
+
+
+def _require_seen(n: int, what: str) -> None:
+    if not n:
+        raise InvalidInputError(
+            f"{what}: the marker was seen in no frame; expected rows with a pose, not only those "
+            "that stand for none (empty, zeros, the identity, MISSING or -3.697314E28)"
+        )
 
 
 def _require_one_kind(names_and_kinds: list[tuple[str, PivotKind]]) -> None:
@@ -145,7 +167,7 @@ def read_geometry(file: NamedFile) -> MarkerGeometryFile:
 
 
 def _track(tool: str, numbers: Ints, poses: Poses, rms_mm: Floats, n_frames: int) -> ToolTrack:
-    times_s = (numbers - numbers[0]).astype(np.float64)
+    times_s = (numbers - numbers[:1]).astype(np.float64)
     return ToolTrack(
         tool, readonly(numbers), readonly(times_s), poses, readonly(rms_mm.copy()), n_frames
     )
@@ -172,41 +194,51 @@ def _kind(file: NamedFile) -> tuple[PivotKind, Table | None]:
         return "marker positions", table
     if not table.rows:
         raise InvalidInputError(f"{file.name}: expected rows of numbers below the header, got none")
+    if is_pose_table(table):
+        return "rows of poses", table
     width = len(table.rows[0])
     if width == 5:
         return "marker positions", table
-    if width == 16:
-        return "rows of matrices", table
     if width == 4:
         return "matrix files", table
-    raise InvalidInputError(
-        f"{table.where(0)}: expected 16 numbers (a matrix, row by row), 4 numbers (a row of a "
-        f"4 x 4 matrix) or frame,marker,x,y,z; got {width} cells"
-    )
+    raise InvalidInputError(f"{table.where(0)}: {EXPECTED}; got {width} cells")
 
 
-def _read_matrices(tables: list[Table], kind: PivotKind) -> tuple[Poses, float]:
-    """Return the poses of all matrices in all files, in order, and how far they are from rigid."""
+def _read_matrices(tables: list[Table], kind: PivotKind) -> tuple[Poses, float, Ints, int]:
+    """Return all poses in order, how far from rigid, their frames, and how many frames there are.
+
+    Rows that stand for a marker not seen are left out.
+    """
     parts: list[Floats] = []
     places: list[tuple[Table, int]] = []
+    frames: list[Ints] = []
+    n_frames = 0
     for table in tables:
-        if kind == "rows of matrices":
-            parts.append(table.numbers(16).reshape(-1, 4, 4))
-            places += [(table, i) for i in range(len(table.rows))]
+        if kind == "rows of poses":
+            found = read_pose_rows(table)
+            parts.append(found.matrices)
+            places += [(table, i) for i in found.rows.tolist()]
+            frames.append(found.numbers if len(tables) == 1 else n_frames + found.rows)
+            n_frames += len(table.rows)
             continue
         numbers = table.numbers(4)
         if len(numbers) % 4:
             raise InvalidInputError(
                 f"{table.name}: expected 4 rows of 4 numbers, got {len(numbers)} rows"
             )
-        parts.append(numbers.reshape(-1, 4, 4))
-        places += [(table, i) for i in range(0, len(numbers), 4)]
+        matrices = numbers.reshape(-1, 4, 4)
+        seen = np.flatnonzero(seen_poses(matrices))
+        parts.append(matrices[seen])
+        places += [(table, 4 * i) for i in seen.tolist()]
+        frames.append(n_frames + seen)
+        n_frames += len(matrices)
 
     def where(k: int) -> str:
         table, row = places[k]
         return table.where(row)
 
-    return poses_from_matrices(np.concatenate(parts), where)
+    poses, rounding = poses_from_matrices(np.concatenate(parts), where)
+    return poses, rounding, np.concatenate(frames), n_frames
 
 
 def _unpacked(file: NamedFile) -> list[NamedFile]:

@@ -88,7 +88,7 @@ BAD = {
     "static": (still, "hardly turned"),
     "planar": (planar, "one plane"),
     "narrow": (lambda: poses(n=60, half_angle_deg=3.0)[0], "half-angle"),
-    "slip": (slipping, "slipped|centre uncertain"),
+    "creep": (slipping, "share no tip|centre uncertain"),
 }
 
 

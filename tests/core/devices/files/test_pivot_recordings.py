@@ -60,7 +60,7 @@ def test_one_text_file_for_each_pose_keeps_every_bit():
 def test_sixteen_numbers_a_row(separator, header):
     made, _ = poses(n=7)
     pivot = read_pivot([rows_file(made, separator, header)])
-    assert pivot.kind == "rows of matrices"
+    assert pivot.kind == "rows of poses"
     assert pivot.track.Ts_tracker_marker.rotations.tobytes() == made.rotations.tobytes()
 
 
@@ -155,10 +155,10 @@ BAD_TEXT = {
     "empty": (b"", "x.csv is empty"),
     "only comments": (b"# a\n\n", "x.csv is empty"),
     "header alone": (b"a,b,c,d\n", "below the header"),
-    "binary": (b"\xff\xfe\x00\x01", "x.csv: expected text"),
+    "binary": (b"\xff\xfe\x00\xd8", "x.csv: expected text"),
     "zeros": (b"1\0 2", "expected text, got a binary"),
     "15 numbers": (b"1 " * 15, "line 1: expected 16 numbers .* got 15 cells"),
-    "uneven": (b"1 0 0 0 0 1 0 0 0 0 1 900 0 0 0 1\n1 2 3", "line 2: expected 16 numbers, got 3"),
+    "uneven": (b"1 0 0 0 0 1 0 0 0 0 1 900 0 0 0 1\n1 2 3", "line 2: expected 16 cells, got 3"),
     "words": (b"1 0 0 0 0 1 0 0 0 0 1 x 0 0 0 1", "line 1: expected a number, got 'x'"),
     "three rows": (b"1 0 0 0\n0 1 0 0\n0 0 1 900", "4 rows of 4 numbers, got 3 rows"),
 }
@@ -351,7 +351,7 @@ def test_faults_of_marker_files_are_named():
         (changed_row(4, frame="inf"), tool, "line 6: expected the number of a frame"),
         (changed_row(4, marker="Q"), tool, "marker 'Q' is not in the geometry, which has A, B"),
         (good, swapped, "markers . and . are .* mm apart in the frames, .* in the geometry"),
-        (handed, mirrored[0], "fit the geometry to .* mm only.* mirrored"),
+        (handed, mirrored[0], "fit the mirror image of the geometry"),
         (scaled_rows(1e-3), tool, "a thousandth .* metres"),
         (scaled_rows(1e-3), None, "at most 0.102 mm apart.* metres"),
         (partial, None, "no frame saw all 4 markers .* give the geometry"),
@@ -378,6 +378,22 @@ def test_faults_of_geometry_files_are_named():
     ):
         with pytest.raises(InvalidInputError, match=words):
             read_geometry(file)
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize("noise_mm", [0.1, 0.5])
+def test_mirrored_markers_are_named_and_the_sign_mends_them(axis, noise_mm):
+    signs = np.where(np.arange(3) == axis, -1.0, 1.0)
+    rows = marker_rows(poses(1, n=40)[0], noise_mm=noise_mm)
+    mirrored = [
+        [*row[:2], *(repr(float(v) * float(k)) for v, k in zip(row[2:], signs, strict=True))]
+        for row in rows
+    ]
+    with pytest.raises(InvalidInputError, match=r"mirror image of the geometry.*Change the sign"):
+        read_pivot([markers_file(mirrored)], geometry=geometry_file())
+    with pytest.raises(InvalidInputError, match="mirror image of the geometry"):
+        read_pivot([markers_file(rows)], geometry=geometry_file(BODY * signs))
+    read_pivot([markers_file(rows)], geometry=geometry_file())
 
 
 # -- sequences -------------------------------------------------------------------------------------

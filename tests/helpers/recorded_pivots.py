@@ -1,0 +1,95 @@
+"""Random pivots as trackers record them, and the changes that people make of their poses."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from rona_core.geometry.pose import Poses
+from rona_core.geometry.rigid_fit import fit_rigid_many
+
+
+@dataclass(frozen=True)
+class Pivot:
+    """Measured poses, and the truth."""
+
+    poses: Poses
+    tip: Any
+    pivot: Any
+
+
+def random_pivot(seed, *, n=None, outliers=True, noise_mm=None):
+    """Return a pivot: tip 50 to 250 mm, cone 10 to 60 degrees, noise 0.1 to 0.5 mm a marker.
+
+    20 to 1000 poses at random, on a spiral or on a smooth path, seen by a tracker 0.95 to 2.4 m
+    away, up to a tenth of them with gross errors.
+    """
+    rng = np.random.default_rng(seed)
+    length = rng.uniform(50.0, 250.0)
+    tip = rng.normal(size=3)
+    tip *= length / np.linalg.norm(tip)
+    n = int(np.exp(rng.uniform(np.log(20.0), np.log(1000.0)))) if n is None else n
+    noise_mm = rng.uniform(0.1, 0.5) if noise_mm is None else noise_mm
+    tilts, azimuths, spins = _motion(rng, n, np.deg2rad(rng.uniform(10.0, 60.0)))
+    across = np.column_stack((-np.sin(azimuths), np.cos(azimuths), np.zeros(n)))
+    along = np.column_stack((np.zeros(n), np.zeros(n), spins))
+    shaft = Rotation.align_vectors([tip / length], [[0.0, 0.0, 1.0]])[0]
+    swing = Rotation.from_rotvec(tilts[:, None] * across) * Rotation.from_rotvec(along)
+    R = (Rotation.random(rng=rng) * shaft * swing * shaft.inv()).as_matrix()
+    depth = rng.choice((-1.0, 1.0)) * rng.uniform(950.0, 2400.0)
+    pivot = np.array((*rng.uniform(-400.0, 400.0, 2), depth))
+    body = rng.uniform(-45.0, 45.0, (rng.integers(3, 6), 3))
+    while np.linalg.svd(body - body.mean(axis=0))[1][1] < 25.0:
+        body = rng.uniform(-45.0, 45.0, body.shape)
+    points = np.einsum("nij,mj->nmi", R, body) + (pivot - R @ tip)[:, None]
+    points += rng.normal(size=points.shape) * noise_mm / np.sqrt(3.0)
+    seen = fit_rigid_many(body, points, np.ones(points.shape[:2], dtype=np.bool_)).Ts_b_a
+    R, t = seen.rotations.copy(), seen.translations.copy()
+    out = rng.random(n) < (rng.choice((0.0, 0.03, 0.1)) if outliers else 0.0)
+    t[out] += rng.normal(0.0, 20.0, (int(out.sum()), 3))
+    turns = Rotation.from_rotvec(rng.normal(0.0, 0.1, (int(out.sum()), 3))).as_matrix()
+    R[out] = turns @ R[out]
+    return Pivot(Poses(R, t), tip, pivot)
+
+
+def _motion(rng, n, cone):
+    """Return tilts, azimuths and spins (n,) in rad."""
+    kind, s = rng.integers(3), np.linspace(0.0, 1.0, n)
+    if kind == 0:
+        tilts = np.arccos(rng.uniform(np.cos(cone), 1.0, n))
+        return tilts, rng.uniform(0.0, 2.0 * np.pi, n), rng.uniform(-0.3, 0.3, n)
+    if kind == 1:
+        return cone * np.sqrt(s), 2.0 * np.pi * rng.uniform(3.0, 12.0) * s, 0.2 * np.sin(7.0 * s)
+    s = s * rng.uniform(10.0, 40.0)
+    ways = [
+        sum(rng.normal() * np.sin(f * s + rng.uniform(0.0, 6.0)) for f in rates)
+        for rates in ((0.5, 0.9, 1.7), (0.6, 1.1, 1.5))
+    ]
+    tilts = np.hypot(*ways)
+    return tilts / tilts.max() * cone, np.arctan2(ways[1], ways[0]), 0.2 * np.sin(0.3 * s)
+
+
+def _reordered(poses, by):
+    q = np.roll(Rotation.from_matrix(poses.rotations).as_quat(), by, axis=1)
+    return Poses(Rotation.from_quat(q).as_matrix(), poses.translations)
+
+
+def _mirrored(axis, poses, rotations):
+    signs = np.where(np.arange(3) == axis, -1.0, 1.0)
+    if rotations:
+        return Poses(signs[:, None] * poses.rotations * signs, poses.translations)
+    return Poses(poses.rotations, poses.translations * signs)
+
+
+WRONG = {  # the name of a change -> how it is made
+    "inverted": lambda p: p.inv(),
+    "transposed": lambda p: Poses(np.swapaxes(p.rotations, 1, 2), p.translations),
+    "real part first": lambda p: _reordered(p, 1),
+    "real part last": lambda p: _reordered(p, -1),
+    "mirrored x": lambda p: _mirrored(0, p, rotations=False),
+    "mirrored y": lambda p: _mirrored(1, p, rotations=True),
+    "mirrored z": lambda p: _mirrored(2, p, rotations=False),
+    "rotation late": lambda p: Poses(p.rotations[:-1], p.translations[1:]),
+    "rotation early": lambda p: Poses(p.rotations[1:], p.translations[:-1]),
+}
