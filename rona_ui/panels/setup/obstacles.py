@@ -4,7 +4,6 @@ from typing import Any
 
 from rona_core.app.steps.setup.clearance import clearance_violations
 from rona_core.app.steps.setup.messages import (
-    STANDARD,
     AddObstacle,
     RemoveObstacle,
     SetWorkcell,
@@ -131,7 +130,7 @@ class WorkcellFields:
 
 def workcell_form(gui: Any) -> Form:
     """Return the fields of table, floor and clearances."""
-    form, now = Form(gui), STANDARD
+    form, now = Form(gui), Surroundings()
     form.tick("table", "Table", now.table)
     form.vector("table_center_mm", "Table top (mm)", now.table_center_mm, "Offset from the region")
     form.vector("table_size_mm", "Table size (mm)", now.table_size_mm, "x, y, thickness")

@@ -132,7 +132,7 @@ class StartSkullImport:
     threshold: float | None = within(-1e9, 1e9, default=None)  # grey value, as the file has them
     center_mesh_mm: Point | None = like(RegionChoice, "center_mesh_mm")
     radius_mm: float = like(RegionChoice, "radius_mm")
-    label: int | None = within(0, 65_535, default=None)  # of bone in a map of labels
+    label: int | None = within(-32_768, 2**31 - 1, default=None)  # of bone in a map of labels
 
     def __post_init__(self) -> None:
         plain_name(self.file)

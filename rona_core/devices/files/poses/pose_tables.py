@@ -91,7 +91,7 @@ def seen_poses(matrices: Floats) -> Bools:
 
 def _beyond(values: Floats) -> Bools:
     """Return which rows (n,) have a finite number beyond all measure."""
-    return (np.isfinite(values) & (np.abs(values) > UNSEEN)).any(axis=1)
+    return np.any(np.isfinite(values) & (np.abs(values) > UNSEEN), axis=1)
 
 
 def _names(table: Table) -> list[str]:
