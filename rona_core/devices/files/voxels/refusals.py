@@ -126,8 +126,8 @@ REFUSALS: dict[str, Refusal] = {
         "give the outer file first and the inner one second, both in the same coordinates",
     ),
     "an inner surface that crosses the outer one": Refusal(
-        "the inner surface crosses the outer one: {share:.1%} of its corners lie outside, the "
-        "farthest by {depth_mm:.1f} mm at {place}",
+        "the inner surface crosses the outer one: {count} of {places} corners and middles of "
+        "triangles lie on the wrong side, the farthest by {depth_mm:.1f} mm at {place}",
         "pull it in there, or take both surfaces from one segmentation",
     ),
     "too many triangles": Refusal(

@@ -93,7 +93,8 @@ def joined(outer: BoneMesh, inner: BoneMesh) -> BoneMesh:
             raise refused("an inner surface outside the outer one")
         raise refused(
             "an inner surface that crosses the outer one",
-            share=len(wrong) / len(places),
+            count=len(wrong),
+            places=len(places),
             depth_mm=depth[worst],
             place=wrong[:: max(1, len(wrong) // MOST_TRIED)][worst].round(1).tolist(),
         )
