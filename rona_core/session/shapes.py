@@ -57,6 +57,7 @@ SHAPES: dict[str, dict[str, str]] = {
         "m": "count sigma_deg ok radii_mm",
     },
     "Path5D": {"n 3": "points_base axes_base"},
+    "PointerCapture": {"markers 3": "geometry_marker"},
     "PointerCalibration": {
         "3": "tip_pointermarker pivot_tracker",
         "3 3": "tip_covariance_pointermarker random_covariance",

@@ -321,6 +321,9 @@ def test_terminal_and_session_have_one_verdict_for_one_file(tmp_path, way, sigma
         np.testing.assert_array_equal(found.pivot_tracker, said.pivot_tracker)
         assert (found.verdict, found.reasons) == (said.verdict, said.reasons)
         assert (found.n_used, found.rmse_mm) == (said.n_used, said.rmse_mm)
+    back = load_session(save_session(bench.session, tmp_path / "x.rona"))
+    assert digest(back.captures) == digest(bench.session.captures)
+    assert (back.captures.pointer.geometry_marker is None) == (geometry is None)
     bench.close()
 
 

@@ -85,13 +85,16 @@ def seen_poses(matrices: Floats) -> Bools:
     That is the identity, zeros, NaN in all places, or numbers beyond all measure.
     """
     top = matrices[:, :3].reshape(-1, 12)
-    stand_ins = (np.isnan(top), top == 0.0, top == np.eye(4)[:3].ravel())
-    return ~(_beyond(top) | np.any([one.all(axis=1) for one in stand_ins], axis=0))
+    unseen = _beyond(top)
+    for stand_in in (np.isnan(top), top == 0.0, top == np.eye(4)[:3].ravel()):
+        unseen = unseen | stand_in.all(axis=1)
+    return np.asarray(~unseen, dtype=np.bool_)
 
 
 def _beyond(values: Floats) -> Bools:
     """Return which rows (n,) have a finite number beyond all measure."""
-    return np.any(np.isfinite(values) & (np.abs(values) > UNSEEN), axis=1)
+    beyond = np.isfinite(values) & (np.abs(values) > UNSEEN)
+    return np.asarray(beyond.any(axis=1), dtype=np.bool_)
 
 
 def _names(table: Table) -> list[str]:
