@@ -4,12 +4,16 @@ In a checkout they are the folders ``static/`` and ``sessions/`` at the top of t
 installed wheel carries them as ``rona_ui/_static`` and ``rona_ui/_sessions``.
 """
 
+import contextlib
 import os
+import secrets
 import sys
+import tempfile
 from pathlib import Path
 
 from rona_core.errors import storing
 
+SECRET_BYTES = 32
 PACKAGE = Path(__file__).resolve().parent
 
 
@@ -47,6 +51,28 @@ def sessions_dir() -> Path:
     with storing(folder):
         folder.mkdir(parents=True, exist_ok=True)
     return folder
+
+
+def cookie_secret(sessions: Path) -> bytes:
+    """Return 32 random bytes from which the cookies of servers on a sessions folder are made.
+
+    They are stored beside the sessions, for this user alone, so that a page that is open stays
+    signed in while its server is started again. Where they cannot be stored they are those of
+    one run.
+    """
+    path = sessions / ".cookie_secret"
+    with contextlib.suppress(OSError):
+        held = path.read_bytes()
+        if len(held) == SECRET_BYTES:
+            return held
+    made = secrets.token_bytes(SECRET_BYTES)
+    with contextlib.suppress(OSError):
+        sessions.mkdir(parents=True, exist_ok=True)
+        descriptor, name = tempfile.mkstemp(dir=sessions, prefix=".cookie_secret")
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(made)
+        os.replace(name, path)
+    return made
 
 
 def _user_data_dir() -> Path:

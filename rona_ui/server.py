@@ -50,7 +50,7 @@ from rona_ui.api.routes import operator as hand
 from rona_ui.api.schema_limits import add_limits
 from rona_ui.api.streams import Streams
 from rona_ui.api.timed_protocol import TimedProtocol
-from rona_ui.resources import sessions_dir, static_dir
+from rona_ui.resources import cookie_secret, sessions_dir, static_dir
 from rona_ui.viewer.gateway import MAX_MESSAGE_BYTES, ViewerGateway
 
 GRACE_S = 1  # for requests under way when the server ends
@@ -259,7 +259,9 @@ def server_of(
 ) -> Server:
     """Return a server that is ready to run."""
     app = bare_app(hub, gateway, settings.root_path)
-    return Server(Guard(app, settings.access), app.state.streams, settings)
+    return Server(
+        Guard(app, settings.access, cookie_secret(settings.sessions)), app.state.streams, settings
+    )
 
 
 def address(settings: ServerSettings, port: int) -> str:

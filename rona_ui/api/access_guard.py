@@ -58,13 +58,15 @@ def is_loopback(host: str) -> bool:
 class Guard:
     """Lets a request through to ``app`` or answers it with a problem."""
 
-    def __init__(self, app: ASGIApp, access: Access) -> None:
-        """Guard ``app``."""
+    def __init__(self, app: ASGIApp, access: Access, secret: bytes | None = None) -> None:
+        """Guard ``app``; cookies are made from ``secret``, None from one of this run."""
         self._app = app
         self._access = access
         self._hosts = {host.lower().strip("[]") for host in access.hosts}
         self._root = access.root_path
-        self._session = secrets.token_urlsafe(24)  # what the cookie carries, new at each start
+        secret = secret or secrets.token_bytes(32)
+        # what the cookie carries: it ends with the token, and does not give it away
+        self._session = hmac.new(secret, (access.token or "").encode(), "sha256").hexdigest()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Check one request or websocket (ASGI)."""

@@ -89,7 +89,7 @@ def array_in(value: Any, pointer: str) -> NDArray[Any]:
 def npy_of(array: NDArray[Any]) -> bytes:
     """Return an array as a file of numpy (``.npy``), in C order."""
     file = io.BytesIO()
-    np.save(file, np.ascontiguousarray(array), allow_pickle=False)
+    np.lib.format.write_array(file, np.ascontiguousarray(array), allow_pickle=False)
     return file.getvalue()
 
 

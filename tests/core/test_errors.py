@@ -11,7 +11,7 @@ KINDS = [
 CODES = {
     "rona_error", "invalid_input", "degenerate_geometry", "not_reachable", "device_error",
     "step_blocked", "stale_result", "not_found", "session_format", "cancelled", "name_taken",
-    "file_changed",
+    "file_changed", "storage",
 }  # fmt: skip
 
 

@@ -44,19 +44,26 @@ class BoneVerdict:
         return self.advised not in (None, self.scanned_with)
 
 
-def judge_bone(found: Detection) -> BoneVerdict:
+def judge_bone(found: Detection, *further: Detection) -> BoneVerdict:
     """Return what the echoes of a survey say about thickness and probe.
 
     Places are A-scans with a front echo whose probe did not lean and that stand as detected.
+
+    Args:
+        found: The survey.
+        further: Passes over its gaps with the same probe: their A-scans count as well.
     """
     used: ProbeName = "1MHz" if found.probe == "1MHz" else "2.25MHz"
     other: ProbeName = "2.25MHz" if used == "1MHz" else "1MHz"
-    places = found.outer_ok & ~np.isin(found.flag, (TILTED, REMOVED))
-    sure, mm = found.inner_ok & places, found.thickness_mm
+    passes = (found, *further)
+    flag = np.concatenate([one.flag for one in passes])
+    places = np.concatenate([one.outer_ok for one in passes]) & ~np.isin(flag, (TILTED, REMOVED))
+    sure = np.concatenate([one.inner_ok for one in passes]) & places
+    mm = np.concatenate([one.thickness_mm for one in passes])
     n_places, n_sure = int(places.sum()), int(sure.sum())
     if n_places < ENOUGH:
         words = (
-            f"{n_places} of {len(found)} A-scans can be judged, {ENOUGH} are the least: nothing "
+            f"{n_places} of {len(flag)} A-scans can be judged, {ENOUGH} are the least: nothing "
             "is said about bone or probe. Next: check gel, force and tilt of the probe and scan "
             "again, or scan a longer path."
         )
@@ -71,14 +78,14 @@ def judge_bone(found: Detection) -> BoneVerdict:
         return BoneVerdict("no echo", used, None, words)
     span = "{:.1f} to {:.1f} mm".format(*np.percentile(mm[sure], (5.0, 95.0)))
     # an echo outside the depth range of the probe is no sure one, but beside sure ones it counts
-    thin = (sure & (mm < THIN_MM)) | (places & (found.flag == TOO_THIN))
-    thick = (sure & (mm > THICK_MM)) | (places & (found.flag == TOO_THICK))
+    thin = (sure & (mm < THIN_MM)) | (places & (flag == TOO_THIN))
+    thick = (sure & (mm > THICK_MM)) | (places & (flag == TOO_THICK))
     n_known = int((sure | thin | thick).sum())
     if n_sure < LEAST_SURE * n_places:
         words = (
             f"Inner echo sure at only {_percent(n_sure, n_places)} of the places, where the bone "
             f"is {span}; at the others a leaning inner table and thin, thick or lossy bone look "
-            "alike. Next: a second pass (step 9), or scan once with "
+            "alike. Next: a further pass over the gaps (step 9), or scan once with "
             f"{PROBE_TITLES[other]} (step 1) and compare."
         )
         return BoneVerdict("faint", used, None, words)

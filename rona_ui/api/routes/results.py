@@ -53,7 +53,9 @@ def list_steps(bench: Bench) -> tuple[StepState, ...]:
 # part of the results of a step -> how it is made of a session and the name of the step; none: null
 PARTS: dict[str, Callable[[Session, str], Any]] = {
     "step": lambda session, step: step,
-    "summary": lambda session, step: REGISTRY.lines[step].summary(session),
+    "summary": lambda session, step: (
+        REGISTRY.lines[step].summary(session) if step in REGISTRY.lines else ""
+    ),
     "setup": lambda session, step: session.setup if step == "setup" else None,
     "probe_advice": lambda session, step: probe_advice(session) if step == "maps" else None,
     "verification": lambda session, step: landmark_report(session) if step == "scan" else None,

@@ -164,7 +164,7 @@ class MapsPanel(StepPanel):
             words += f" {accuracy_words(maps, accuracy)}"
         if value.method == "subtract":  # the others judge no levels
             words += f" {loss_words(value)}"
-        kind = "good" if judge_bone(value).kind == "suits" else "warn"
+        kind = "warn" if judge_bone(value).kind in ("no front", "no echo") else "good"
         return style.note(words, kind) + advice_note(snapshot.session, unless_suits=True)
 
 

@@ -384,11 +384,11 @@ def test_moving_the_robot(at, client, web, session):
     assert at("GET", "").json()["revision"] == 0
 
 
-def test_a_move_beyond_the_limits_is_refused(at, web):
-    job = at("POST", "/robot/move", json={"joints_deg": [720.0, 0, 0, 0, 0, 0]}).json()
-    ended = finished(web, job)
-    assert (ended.state, ended.error_code) == ("failed", "invalid_input")
-    assert "joint 1" in ended.error
+def test_a_move_beyond_the_limits_is_refused_at_once(at):
+    for turned_deg, words in ((720.0, "joints_deg must be"), (300.0, "joint 1 must be")):
+        answer = at("POST", "/robot/move", json={"joints_deg": [turned_deg, 0, 0, 0, 0, 0]})
+        assert (answer.status_code, answer.json()["code"]) == (422, "invalid_input")
+        assert words in answer.json()["detail"]
 
 
 def test_one_a_scan(at):

@@ -26,7 +26,7 @@ def test_what_is_no_obstacle_is_refused_and_changes_nothing(at):
     for body, status, words in (
         ({**WALL, "name": "floor"}, 422, "there already"),
         ({**WALL, "size_mm": [1, 1]}, 422, "size_mm"),
-        ({**WALL, "size_mm": [1, 1, 0]}, 422, "size of wall"),
+        ({**WALL, "size_mm": [1, 1, 0]}, 422, "size_mm must be 1 to 5000, not 0"),
         ({**WALL, "colour": "red"}, 422, "colour"),
     ):
         answer = at("POST", "/commands/AddObstacle", json=body)

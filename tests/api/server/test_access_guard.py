@@ -88,6 +88,30 @@ def test_the_cookie_is_not_the_token_and_opens_this_server_alone(anonymous, cook
     hub.close_all()
 
 
+def test_a_page_stays_signed_in_while_its_server_is_started_again(tmp_path):
+    """As long as the token is the same; the value of the cookie ends with the token."""
+
+    def answers(token, sent):
+        hub = build_registry(tmp_path, processes=False)
+        settings = ServerSettings(port=0, sessions=tmp_path, token=token)
+        server, thread, port = start(hub, None, settings)
+        address = f"http://127.0.0.1:{port}"
+        welcome = httpx2.get(address, params={"token": token})
+        value = welcome.headers["set-cookie"].partition("=")[2].partition(";")[0]
+        cookie = {"Cookie": f"rona_{port}={sent or value}"}
+        status = httpx2.get(f"{address}/api/v1/sessions", headers=cookie).status_code
+        server.should_exit = True
+        thread.join(20)
+        hub.close_all()
+        return value, status
+
+    value, status = answers(TOKEN, None)
+    assert status == 200
+    assert (tmp_path / ".cookie_secret").stat().st_mode & 0o077 == 0
+    assert answers(TOKEN, value) == (value, 200)
+    assert answers(f"{TOKEN}2", value)[1] == 401
+
+
 def test_the_token_leads_to_no_other_site(web):
     connection = http.client.HTTPConnection("127.0.0.1", web.port, timeout=20)
     connection.request("GET", f"//evil.example/?token={web.token}")

@@ -69,10 +69,12 @@ def test_a_perfect_robot_and_an_exact_spindle_leave_chuck_and_seat_alone():
     assert burr_of(session).rmse_mm < 0.15
 
 
-def test_it_is_kept_in_a_file_and_replayed(demo):
-    back = session_from_bytes(session_bytes(demo))
-    assert digest(back.captures.get("burr")) == digest(demo.captures.get("burr"))
-    assert digest(burr_of(back)) == digest(burr_of(demo))
+def test_it_is_kept_in_a_file_and_replayed(bench):
+    bench.dispatch(RegisterBurr())  # computed here: another processor rounds otherwise
+    made = bench.session
+    back = session_from_bytes(session_bytes(made))
+    assert digest(back.captures.get("burr")) == digest(made.captures.get("burr"))
+    assert digest(burr_of(back)) == digest(burr_of(made))
     assert stale_reason("burr", back) is None
     (row,) = [row for row in replay(back) if row.result == "burr"]
     assert row.same

@@ -71,7 +71,9 @@ def test_one_that_is_stopped_keeps_those_before_it(bench):
 @pytest.mark.parametrize("lifts", [(0,), (2, 1), (1, 1), (3,)])
 def test_lifts_that_are_no_picks_are_refused_with_what_they_may_be(lifts):
     picks = ((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (2.0, 0.0, 0.0))
-    with pytest.raises(InvalidInputError, match="increase from 1 to 2"):
+    with pytest.raises(
+        InvalidInputError, match=r"lifts must (increase from 1 to 2|be 1 to 500, not 0)"
+    ):
         StartSurfaceCapture(picks_base_mm=picks, lifts=lifts)
 
 

@@ -14,18 +14,20 @@ from rona_core.ultrasound.detection.bone_verdict import (
 from rona_core.ultrasound.detection.manual_corrections import ScanName
 
 __all__ = ["PROBE_TITLES", "THICK_MM", "THIN_MM", "BoneVerdict", "judge_bone", "probe_advice"]
-SCANS: tuple[ScanName, ...] = ("first", "hand")
+SCANS: tuple[ScanName, ...] = ("first", "second", "hand")
 
 
 def probe_advice(session: Session) -> BoneVerdict | None:
-    """Return what the robot's first scan, else that by hand, says about bone and probe.
+    """Return what the robot's passes, else the scan by hand, say about bone and probe.
 
     None before a scan was mapped.
     """
-    found = next((d for d in (detection_of_scan(session, s) for s in SCANS) if d is not None), None)
+    first, second, by_hand = (detection_of_scan(session, scan) for scan in SCANS)
+    found = by_hand if first is None else first
     if found is None:
         return None
-    verdict = judge_bone(found)
+    further = (second,) if second is not None and second.probe == found.probe else ()
+    verdict = judge_bone(found, *further)
     if not verdict.another:
         return verdict
     chosen = session.setup.devices.probe.name == verdict.advised
