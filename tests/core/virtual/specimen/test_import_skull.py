@@ -215,7 +215,7 @@ REFUSED = [
     ("metres.nii", {}, "in another unit, as metres"),
     ("open.stl", {}, "is not closed"),
     ("tiny.stl", {}, "it looks like metres"),
-    ("outer.stl", {"threshold": 3.0}, "leave the threshold out"),
+    ("outer.stl", {"threshold": 3.0}, "leave threshold and label out"),
     ("inner.stl", {"inner": "outer.stl"}, "lies outside the outer one"),
     ("cave.nii", {"inner": "head.nii"}, "lies outside the outer one"),
     ("outer.stl", {"inner": "cave.nii"}, "both files alike"),
@@ -231,7 +231,9 @@ def test_what_does_not_fit_is_refused_by_name(folder, name, arguments, message):
     write = {
         "notes.txt": lambda p: p.write_text("hello"),
         "broken.nrrd": lambda p: p.write_bytes(
-            b"NRRD0004\ntype: uchar\ndimension: 3\nsizes: 9 9 9\nencoding: gzip\n\nrubbish"
+            b"NRRD0004\ntype: uchar\ndimension: 3\nspace: left-posterior-superior\nsizes: 9 9 9\n"
+            b"space directions: (1,0,0) (0,1,0) (0,0,1)\nspace origin: (0,0,0)\n"
+            b"encoding: gzip\n\nrubbish"
         ),
         "broken.nii.gz": lambda p: p.write_bytes(b"\x1f\x8b rubbish"),
         "cut.nii.gz": lambda p: p.write_bytes((folder / "shell.nii.gz").read_bytes()[:9000]),
