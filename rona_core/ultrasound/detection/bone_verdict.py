@@ -89,7 +89,13 @@ def judge_bone(found: Detection, *further: Detection) -> BoneVerdict:
             f"{PROBE_TITLES[other]} (step 1) and compare."
         )
         return BoneVerdict("faint", used, None, words)
-    n_thin, n_thick = int(thin.sum()), int(thick.sum())
+    return _by_thickness(used, span, int(thin.sum()), int(thick.sum()), n_known)
+
+
+def _by_thickness(
+    used: ProbeName, span: str, n_thin: int, n_thick: int, n_known: int
+) -> BoneVerdict:
+    """Return which probe suits bone of known thickness, by how many places are thin or thick."""
     thinner, thicker = n_thin >= MANY * n_known, n_thick >= MANY * n_known
     if thinner and thicker:
         words = (
