@@ -6,6 +6,7 @@ these has a limit, as in mod_reqtimeout of Apache: time, and for a body time by 
 """
 
 import asyncio
+import socket
 from typing import Any
 
 import h11
@@ -28,8 +29,9 @@ class TimedProtocol(H11Protocol):
     """
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Begin to wait for a request."""
+        """Begin to wait for a request; answers leave at once, see ``_send_at_once``."""
         super().connection_made(transport)
+        _send_at_once(transport)
         self._stage: object = None  # what is waited for, and of which request
         self._looked_s = self.loop.time()
         self._waited_s = 0.0
@@ -139,3 +141,14 @@ class TimedProtocol(H11Protocol):
         if self.conn.their_state is h11.SEND_BODY:
             return not self.cycle.response_started
         return self.conn.our_state is h11.IDLE and bool(self.conn.trailing_data[0])
+
+
+def _send_at_once(transport: asyncio.Transport) -> None:
+    """Keep no part of an answer back until the part before is acknowledged (Nagle, RFC 896).
+
+    Together with delayed acknowledgements that takes 40 ms an answer on a connection that is kept.
+    asyncio turns it off for sockets that name their protocol; those of a server do not.
+    """
+    open_socket = transport.get_extra_info("socket")
+    if open_socket is not None:
+        open_socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

@@ -174,3 +174,13 @@ def test_what_the_server_itself_is_slow_at_does_not_count(quick, monkeypatch):
         assert made.recv(1 << 16).startswith(b"HTTP/1.1 100 ")
         made.sendall(1000 * b"x")
         assert made.recv(1 << 16).startswith(b"HTTP/1.1 201 ")
+
+
+def test_no_part_of_an_answer_waits_for_an_acknowledgement(quick):
+    with connected(quick.port) as made:
+        made.sendall(STATUS.encode())
+        assert made.recv(1 << 16).startswith(b"HTTP/1.1 200")
+        (served,) = quick.server.server_state.connections
+        inside = served.transport.get_extra_info("socket")
+        assert inside.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+    assert left(quick.server) == 0
