@@ -8,8 +8,9 @@ from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import CancelledError as PoolCancelled
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol, TypeAlias, TypeVar
+from typing import Any, Protocol, TypeAlias, TypeVar, get_type_hints
 
+from rona_core.app.declarations.inputs import Input, counted_inputs
 from rona_core.devices.live import Live
 from rona_core.devices.protocols import Cancel, Progress, Rig, never, silent
 from rona_core.errors import CancelledError
@@ -87,23 +88,12 @@ Perform: TypeAlias = Callable[[Message, Session, ActivityContext], Iterable[Mess
 
 
 @dataclass(frozen=True, slots=True)
-class Input:
-    """One thing that a result is computed from, or a message needs."""
-
-    read: Callable[[Session], object]  # None or () while it is missing
-    wanted: str | None  # what to do to get it; None: as the result or capture declares
-    upstream: str | None = None  # the result or capture ("capture scan") that may itself be stale
-    optional: bool = False  # the result can do without it
-    earlier: Callable[[Session], object] | None = None  # how older files read it
-
-
-@dataclass(frozen=True, slots=True)
 class Command:
     """A message that changes the session at once, and the pure function that does it."""
 
     message: type
     handle: Callable[[Message, Session], Session] | None = None  # None: the store itself does it
-    needs: tuple[Input, ...] = ()
+    needs: tuple[Input[object], ...] = ()
     takes_stale: bool = False  # it looks itself at what is stale
     blocked: Reason | None = None  # a further reason against it
 
@@ -119,7 +109,7 @@ class Activity:
     message: type
     perform: Perform
     doing: str  # what people read while it runs
-    needs: tuple[Input, ...] = ()
+    needs: tuple[Input[object], ...] = ()
     drives_robot: bool = False
     records: bool = False  # a capture, which has to fit into the session file
     blocked: Reason | None = None  # a further reason against it
@@ -137,7 +127,7 @@ class Activity:
 class Result:
     """A computed result: the message that makes it, its inputs, and how it is computed.
 
-    Where several messages make a result, each has a declaration. ``derive(session, message)`` is
+    Where several messages make a result, each has a declaration. ``derive(known, message)`` is
     pure; that of an activity takes ``progress`` and ``cancel``, too. ``recompute`` replaces it in a
     replay where the arguments are more than those of the message.
     """
@@ -145,10 +135,37 @@ class Result:
     name: str
     message: type
     derive: Callable[..., object] | None  # None: it follows from no capture and is not replayed
-    inputs: Mapping[str, Input]
+    inputs: Mapping[str, Input[object]]
     wanted: str = ""  # what to do to get it
-    recompute: Callable[[Session, Arguments, Progress, Cancel], object] | None = None
+    recompute: Callable[[Any, Arguments, Progress, Cancel], object] | None = None
     types: tuple[type, ...] = ()  # further classes a session file may hold below Results.more
+    known: type | None = None  # the class of the values that ``derive`` takes; None: the session
+    settings: tuple[str, ...] = ()  # fields of the message that it uses, of several results
+    spared: bool = False  # left out where an input is missing, of several results
+
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        message: type,
+        derive: Callable[..., object],
+        wanted: str,
+        *,
+        settings: tuple[str, ...] = (),
+        recompute: Callable[[Any, Arguments, Progress, Cancel], object] | None = None,
+        spared: bool = False,
+        types: tuple[type, ...] = (),
+    ) -> "Result":
+        """Declare a result by its derivation, whose first parameter is a class of inputs.
+
+        Raises:
+            InvalidInputError: the first parameter has no such class.
+        """
+        known = next(iter(get_type_hints(derive).values()))
+        counted = counted_inputs(known)
+        return cls(
+            name, message, derive, counted, wanted, recompute, types, known, settings, spared
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,7 +176,7 @@ class Capture:
     wanted: str  # what to do to get it
     setup: tuple[Callable[[Session], list[object]], ...]  # digested in this order
     earlier_setup: tuple[Callable[[Session], list[object]], ...] | None = None  # of older files
-    after: Input | None = None  # what it rests on
+    after: Input[object] | None = None  # what it rests on
     # (session, recorded, append) -> what the session holds under the name; None: the recorded one
     place: Callable[[Session, Any, bool], object] | None = None
     adds: bool = False  # always to those before, so that one that was stopped early counts, too
@@ -172,7 +189,7 @@ class Capture:
         return recorded if self.place is None else self.place(session, recorded, append)
 
 
-def _nothing(session: Session) -> tuple[Input, ...]:
+def _nothing(session: Session) -> tuple[Input[object], ...]:
     return ()
 
 
@@ -187,7 +204,7 @@ class StepLine:
     title: str
     summary: Callable[[Session], str]  # one line about what there is; empty if nothing yet
     message: type | None = None  # what does the step; None: it is always done
-    leaves: Callable[[Session], tuple[Input, ...]] = _nothing
+    leaves: Callable[[Session], tuple[Input[object], ...]] = _nothing
     # what it lacks because a recording was stopped early; None: asked of the captures it leaves
     partial: Reason | None = None
     partial_without: bool = True  # whether that counts before there is a result, too

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from rona_core.app.declarations.declarations import Input
+from rona_core.app.declarations.inputs import Input
 from rona_core.app.dependencies.base_reference import found_again, reference_of, seen_base
 from rona_core.calibration.hand_eye.base_marker import detect_tracker_movement
 from rona_core.calibration.hand_eye.head_motion import HeadMotion, head_motion, head_reference
@@ -88,7 +88,7 @@ def _held(session: Session, names: tuple[str, ...]) -> list[Watched]:
     return found
 
 
-def head_input(*captures: str) -> Input:
+def head_input(*captures: str) -> Input[object]:
     """Return what the head did during captures of these names as an input of a result.
 
     It counts by what it is worked out from: the last bits of the motion depend on the processor.

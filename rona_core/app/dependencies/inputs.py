@@ -1,8 +1,9 @@
 """Inputs of results and messages, by the name of the result or capture that they are."""
 
-from typing import TypeVar
+from functools import cache
+from typing import Any, TypeVar
 
-from rona_core.app.declarations.declarations import Input
+from rona_core.app.declarations.inputs import Input, Quantity, is_missing
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.errors import StepBlockedError
 from rona_core.session.document import Session
@@ -11,8 +12,9 @@ T = TypeVar("T")
 CAPTURE = "capture "  # before the name of a capture, where results are named too
 
 
-def result_input(name: str, *, optional: bool = False) -> Input:
-    """Return the value of a result as an input."""
+@cache
+def result_input(name: str, *, optional: bool = False) -> Input[Any]:
+    """Return the value of a result as an input: one object for each result."""
 
     def read(session: Session) -> object:
         derived = session.results.get(name)
@@ -21,12 +23,13 @@ def result_input(name: str, *, optional: bool = False) -> Input:
     return Input(read, None, name, optional)
 
 
-def capture_input(name: str) -> Input:
-    """Return a capture as an input."""
+@cache
+def capture_input(name: str) -> Input[Any]:
+    """Return a capture as an input: one object for each capture."""
     return Input(lambda session: session.captures.get(name), None, f"{CAPTURE}{name}")
 
 
-def wanted_for(item: Input) -> str:
+def wanted_for(item: Input[object]) -> str:
     """Return what to do to get an input."""
     if item.wanted is not None or item.upstream is None:
         return item.wanted or ""
@@ -35,12 +38,21 @@ def wanted_for(item: Input) -> str:
     return REGISTRY.result(item.upstream).wanted
 
 
-def missing(inputs: tuple[Input, ...], session: Session) -> str | None:
+def missing(inputs: tuple[Input[object], ...], session: Session) -> str | None:
     """Return what to do first, or None if nothing is missing."""
     for item in inputs:
-        if not item.optional and item.read(session) in (None, ()):
+        if not item.optional and is_missing(item.read(session)):
             return wanted_for(item)
     return None
+
+
+def required(item: Input[T] | Quantity[T], session: Session) -> T:
+    """Return an input or a quantity; raise StepBlockedError that says what to do first."""
+    value = item.read(session)
+    if value is None or is_missing(value):
+        parts = (item,) if isinstance(item, Input) else tuple(item.inputs().values())
+        raise StepBlockedError(f"first {missing(parts, session) or wanted_for(parts[0])}")
+    return value
 
 
 def require_result(value: T | None, wanted: str) -> T:

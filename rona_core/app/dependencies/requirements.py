@@ -1,6 +1,7 @@
 """Requirements: what must be there, and fresh, before a message makes sense."""
 
-from rona_core.app.declarations.declarations import Activity, Command, Input, Message
+from rona_core.app.declarations.declarations import Activity, Command, Message
+from rona_core.app.declarations.inputs import Input
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.inputs import CAPTURE, missing, wanted_for
 from rona_core.app.dependencies.staleness import stale_reason, stale_root
@@ -28,11 +29,11 @@ def blocked_reason(message_type: type, session: Session) -> str | None:
     return _stale_before(behind, session)
 
 
-def _is_capture(item: Input) -> bool:
+def _is_capture(item: Input[object]) -> bool:
     return item.upstream is not None and item.upstream.startswith(CAPTURE)
 
 
-def _stale_before(inputs: tuple[Input, ...], session: Session) -> str | None:
+def _stale_before(inputs: tuple[Input[object], ...], session: Session) -> str | None:
     """Return which stale input is to be made again first, and why; None where all are fresh."""
     root = stale_root(tuple(i for i in inputs if not _is_orphan(i, session)), session)
     if root is None or root.upstream is None:
@@ -40,7 +41,7 @@ def _stale_before(inputs: tuple[Input, ...], session: Session) -> str | None:
     return f"first {wanted_for(root)} again: {stale_reason(root.upstream, session)}"
 
 
-def _is_orphan(item: Input, session: Session) -> bool:
+def _is_orphan(item: Input[object], session: Session) -> bool:
     """Return whether a capture lacks the result it rests on: a file too old to hold the plan.
 
     Its scan can be mapped.

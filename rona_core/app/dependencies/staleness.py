@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from rona_core.app.declarations.declarations import Input
+from rona_core.app.declarations.inputs import Input, is_missing
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.inputs import CAPTURE, missing
 from rona_core.app.dependencies.obstacles import obstacles_of
@@ -58,7 +58,7 @@ def input_digests(result: str, session: Session, message: str = "") -> dict[str,
     wanted = missing(tuple(inputs.values()), session)
     if wanted is not None:
         raise StepBlockedError(f"{result} cannot be computed: first {wanted}")
-    return {name: digest_of(item.read(session)) for name, item in inputs.items()}
+    return {name: digest_of(item.counted(session)) for name, item in inputs.items()}
 
 
 def digest_of(value: object) -> str:
@@ -92,8 +92,8 @@ def _stale_reason(name: str, session: Session) -> str | None:
     for key, item in REGISTRY.result(name, derived.message).inputs.items():
         if item.upstream is not None and (reason := stale_reason(item.upstream, session)):
             return reason
-        value = item.read(session)
-        nothing = value in (None, ())
+        value = item.counted(session)
+        nothing = is_missing(value)
         if key not in derived.inputs:  # made by a version that did not know of it
             if nothing and item.optional:
                 continue
@@ -104,14 +104,14 @@ def _stale_reason(name: str, session: Session) -> str | None:
     return None
 
 
-def _is_as_held(item: Input, value: object, held: str | None, session: Session) -> bool:
+def _is_as_held(item: Input[object], value: object, held: str | None, session: Session) -> bool:
     """Return whether an input still has the digest that a result remembers of it."""
     if held == digest_of(value):
         return True
     return item.earlier is not None and held == digest_of(item.earlier(session))
 
 
-def stale_root(inputs: tuple[Input, ...], session: Session) -> Input | None:
+def stale_root(inputs: tuple[Input[object], ...], session: Session) -> Input[object] | None:
     """Return what is to be done again first, for inputs that may be stale; None if none is.
 
     It is stale itself, not for the sake of something before it, and belongs to the earliest step.
@@ -120,11 +120,11 @@ def stale_root(inputs: tuple[Input, ...], session: Session) -> Input | None:
     return min(found, key=lambda root: _place(root.upstream or ""), default=None)
 
 
-def _stale_roots(item: Input, session: Session) -> list[Input]:
+def _stale_roots(item: Input[object], session: Session) -> list[Input[object]]:
     name = item.upstream
     if name is None or stale_reason(name, session) is None:
         return []
-    before: tuple[Input, ...] = ()
+    before: tuple[Input[object], ...] = ()
     if name.startswith(CAPTURE):
         after = REGISTRY.captures[name.removeprefix(CAPTURE)].after
         before = () if after is None else (after,)

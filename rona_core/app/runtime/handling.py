@@ -10,6 +10,7 @@ from rona_core.app.dependencies.requirements import require_inputs
 from rona_core.app.dependencies.staleness import input_digests, stale_reason
 from rona_core.app.messages.message import StoreCapture, StoreResult
 from rona_core.app.messages.serialization import serialize_arguments
+from rona_core.app.runtime.deriving import derive, derive_all
 from rona_core.errors import InvalidInputError, StaleResultError
 from rona_core.session.captures import Capture
 from rona_core.session.document import Derived, Session
@@ -42,10 +43,7 @@ def compute_result(message: Message, session: Session) -> Session:
     name = type(message).__name__
     (result,) = REGISTRY.results_of(name)
     inputs = input_digests(result.name, session, name)
-    if result.derive is None:
-        raise InvalidInputError(f"{name} computes nothing")
-    value = result.derive(session, message)
-    made = Derived(value, name, serialize_arguments(message), inputs)
+    made = Derived(derive(result, session, message), name, serialize_arguments(message), inputs)
     return session.with_result(result.name, made)
 
 
@@ -126,28 +124,26 @@ def record(
     return perform
 
 
-def compute_one(
+def compute(
     message: Message, session: Session, context: ActivityContext
 ) -> tuple[StoreResult, ...]:
-    """Carry out an activity that makes the one result declared for it."""
-    (result,) = REGISTRY.results_of(type(message).__name__)
-    if result.derive is None:
-        raise InvalidInputError(f"{result.name} is not computed from a session")
-    value = context.run(result.derive, strip_for_worker(session), message)
-    return computed(message, {result.name: value}, session)
+    """Carry out an activity that makes the results declared for it."""
+    return computed(message, context.run(derive_all, strip_for_worker(session), message), session)
 
 
-def compute_several(derive: Callable[..., Mapping[str, object]]) -> Perform:
-    """Return what carries out an activity that makes several results by ``derive``.
+def compute_several(derive_several: Callable[..., Mapping[str, object]]) -> Perform:
+    """Return what carries out an activity that makes several results by ``derive_several``.
 
     Args:
-        derive: Returns the results by name, in the order they follow.
+        derive_several: Returns the results by name, in the order they follow.
     """
 
     def perform(
         message: Message, session: Session, context: ActivityContext
     ) -> tuple[StoreResult, ...]:
-        return computed(message, context.run(derive, strip_for_worker(session), message), session)
+        return computed(
+            message, context.run(derive_several, strip_for_worker(session), message), session
+        )
 
     return perform
 

@@ -4,10 +4,10 @@ from dataclasses import dataclass, replace
 
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.staleness import input_digests, stale_reason
-from rona_core.app.messages.serialization import message_from
+from rona_core.app.runtime.deriving import derive_again
 from rona_core.app.runtime.process_pool import use_one_thread
 from rona_core.devices.protocols import Cancel, Progress, never, silent
-from rona_core.errors import CancelledError, InvalidInputError
+from rona_core.errors import CancelledError
 from rona_core.session.codec import digest
 from rona_core.session.document import Derived, Session
 
@@ -56,27 +56,13 @@ def recompute(session: Session, progress: Progress = silent, cancel: Cancel = ne
         def within(share: float, i: int = i) -> None:
             progress((i + share) / len(results))
 
-        value = _value(name, held, stored, within, cancel)
+        value = derive_again(name, held, stored, within, cancel)
         made = Derived(
             value, stored.message, stored.arguments, input_digests(name, held, stored.message)
         )
         fresh = replace(fresh, results=fresh.results.with_(name, made))
         within(1.0)
     return fresh
-
-
-def _value(
-    name: str, session: Session, stored: Derived[object], progress: Progress, cancel: Cancel
-) -> object:
-    declared = REGISTRY.result(name, stored.message)
-    if declared.recompute is not None:
-        return declared.recompute(session, stored.arguments, progress, cancel)
-    if declared.derive is None:
-        raise InvalidInputError(f"the {name} result follows from no capture")
-    message = message_from(stored.message, stored.arguments)
-    if stored.message in REGISTRY.activities:
-        return declared.derive(session, message, progress=progress, cancel=cancel)
-    return declared.derive(session, message)
 
 
 def replay(

@@ -6,7 +6,8 @@ import numpy as np
 
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext
-from rona_core.app.dependencies.inputs import capture_input, require_result, result_input
+from rona_core.app.declarations.inputs import given, inputs
+from rona_core.app.dependencies.inputs import capture_input, result_input
 from rona_core.app.dependencies.staleness import capture_setup_digest
 from rona_core.app.runtime.handling import compute_result, record
 from rona_core.app.runtime.recording import begin
@@ -36,13 +37,19 @@ def capture(activity: StartToyCapture, session: Session, context: ActivityContex
     return ToyCapture(ordinal, capture_setup_digest("toy", session), readings)
 
 
-def derive(session: Session, message: FitToyLine) -> ToyLine:
-    taken = require_result(session.captures.get("toy"), "read the toy")
-    speed = session.setup.devices.robot.scan_speed_mm_per_s
-    return ToyLine(readonly(message.slope * speed * taken.readings))
-
-
 TOY_CAPTURE, TOY = capture_input("toy"), result_input("toy line")
+
+
+@inputs()
+class ToyInputs:
+    taken: ToyCapture = given(TOY_CAPTURE, "capture")
+    speed_mm_per_s: float = given(SCAN_SPEED, "speed")
+
+
+def derive(known: ToyInputs, message: FitToyLine) -> ToyLine:
+    return ToyLine(readonly(message.slope * known.speed_mm_per_s * known.taken.readings))
+
+
 STEP = declare.Step(
     "toy",
     commands=(declare.Command(FitToyLine, compute_result, needs=(TOY_CAPTURE,)),),
@@ -53,14 +60,7 @@ STEP = declare.Step(
     ),
     captures=(declare.Capture("toy", "read the toy", (parts.robot,), types=(ToyCapture,)),),
     results=(
-        declare.Result(
-            "toy line",
-            FitToyLine,
-            derive,
-            {"capture": TOY_CAPTURE, "speed": SCAN_SPEED},
-            "fit the toy line",
-            types=(ToyLine,),
-        ),
+        declare.Result.of("toy line", FitToyLine, derive, "fit the toy line", types=(ToyLine,)),
     ),
     line=declare.StepLine(
         "Toy",

@@ -1,6 +1,6 @@
 """Compute speed of sound and delay line from their captures, and use them where they are known."""
 
-from rona_core.app.declarations.declarations import Input
+from rona_core.app.declarations.inputs import Input
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.dependencies.judged import usable
 from rona_core.app.steps.acoustics.messages import CalibrateDelayLine, CalibrateSoundSpeed

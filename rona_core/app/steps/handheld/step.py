@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from rona_core.app.declarations import declarations as declare
-from rona_core.app.declarations.declarations import ActivityContext, Input, Message
+from rona_core.app.declarations.declarations import ActivityContext, Message
+from rona_core.app.declarations.inputs import Input
 from rona_core.app.dependencies.base_reference import found_again
 from rona_core.app.dependencies.inputs import capture_input, result_input
 from rona_core.app.dependencies.staleness import capture_setup_digest

@@ -4,7 +4,7 @@ from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext, Message
 from rona_core.app.dependencies.inputs import result_input
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.runtime.handling import compute_one, compute_result, computed, strip_for_worker
+from rona_core.app.runtime.handling import compute, compute_result, computed, strip_for_worker
 from rona_core.app.steps.implant.bed_lines import BedLines, derive_bed_lines
 from rona_core.app.steps.implant.burr.derivation import KNOWN_BURR
 from rona_core.app.steps.implant.derivation import derive_placed, derive_search
@@ -104,19 +104,17 @@ STEP = declare.Step(
     "implant",
     commands=(declare.Command(PlaceBed, compute_result, needs=(MAPS, TOOL)),),
     activities=(
-        declare.Activity(
-            StartBedSearch, compute_one, "Searching the implant bed", needs=(MAPS, TOOL)
-        ),
+        declare.Activity(StartBedSearch, compute, "Searching the implant bed", needs=(MAPS, TOOL)),
         declare.Activity(
             StartBedLines,
-            compute_one,
+            compute,
             "Finding lines for the bed",
             needs=(BED, MAPS, TOOL, DETECTION),
             blocked=_nowhere_laid,
         ),
         declare.Activity(
             PlanMilling,
-            compute_one,
+            compute,
             "Planning the milling",
             needs=(BED, MAPS, TOOL),
             blocked=_not_to_be_milled,

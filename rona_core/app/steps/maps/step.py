@@ -1,12 +1,12 @@
 """Maps: boundaries detected in the A-scans, mapped and fused; the second pass over gaps."""
 
 from rona_core.app.declarations import declarations as declare
-from rona_core.app.declarations.declarations import Input
+from rona_core.app.declarations.inputs import Input
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.head_reference import head_input
 from rona_core.app.dependencies.inputs import capture_input, result_input
 from rona_core.app.dependencies.step_states import partial_reason
-from rona_core.app.runtime.handling import compute_one, compute_several, record
+from rona_core.app.runtime.handling import compute, compute_several, record
 from rona_core.app.steps.acoustics.derivation import KNOWN_LINE, KNOWN_SPEED
 from rona_core.app.steps.maps.derivation import (
     derive_detection,
@@ -62,7 +62,7 @@ STEP = declare.Step(
         ),
         declare.Activity(
             StartGapPlan,
-            compute_one,
+            compute,
             "Planning the second pass",
             needs=(SCAN_CAPTURE, SURFACE, MAPS),
         ),

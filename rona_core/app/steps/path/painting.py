@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial import KDTree
 
-from rona_core.app.declarations.declarations import Input
+from rona_core.app.declarations.inputs import Input
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.dependencies.requirements import require_inputs
 from rona_core.app.steps.path.messages import (

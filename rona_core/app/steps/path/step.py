@@ -3,7 +3,8 @@
 import numpy as np
 
 from rona_core.app.declarations import declarations as declare
-from rona_core.app.declarations.declarations import ActivityContext, Input
+from rona_core.app.declarations.declarations import ActivityContext
+from rona_core.app.declarations.inputs import Input
 from rona_core.app.dependencies.base_reference import carried_remark, found_again, placed_reason
 from rona_core.app.dependencies.head_reference import head_input
 from rona_core.app.dependencies.inputs import capture_input, result_input

@@ -7,7 +7,7 @@ from rona_core.app.dependencies.requirements import require_inputs
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.messages.message import values_of
 from rona_core.app.messages.serialization import message_from
-from rona_core.app.runtime.handling import compute_one
+from rona_core.app.runtime.handling import compute
 from rona_core.app.steps.roll import messages
 from rona_core.app.steps.roll.base_placement import derive_placement, require_move
 from rona_core.app.steps.roll.derivation import derive_chosen_roll, derive_roll
@@ -68,11 +68,11 @@ STEP = declare.Step(
     ),
     activities=(
         declare.Activity(
-            messages.StartRollSearch, compute_one, "Searching the roll", needs=(SMOOTHING,)
+            messages.StartRollSearch, compute, "Searching the roll", needs=(SMOOTHING,)
         ),
         declare.Activity(
             messages.StartBasePlacement,
-            compute_one,
+            compute,
             "Looking for places of the base",
             needs=(SMOOTHING,),
         ),

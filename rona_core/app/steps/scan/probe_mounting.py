@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.app.declarations.declarations import ActivityContext, Input
+from rona_core.app.declarations.declarations import ActivityContext
+from rona_core.app.declarations.inputs import Input
 from rona_core.app.dependencies.inputs import capture_input, require_result
 from rona_core.app.dependencies.judged import Judged, usable
 from rona_core.app.dependencies.staleness import capture_setup_digest, stale_reason

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-from rona_core.app.declarations.declarations import Input
+from rona_core.app.declarations.inputs import Input
 from rona_core.app.steps.setup.inputs import HAND_PROBE
 from rona_core.devices.settings import TrackerSettings
 from rona_core.session.codec import digest
@@ -81,7 +81,7 @@ BLOCK = world(*LINE)
 SPINDLE = world("spindle_mm")
 
 
-def of_input(item: Input) -> Part:
+def of_input(item: Input[object]) -> Part:
     """Return the digest of an input as a part of the set-up; an empty text while it is missing."""
 
     def part(session: Session) -> list[object]:

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from rona_core.app.declarations.declarations import Input
+from rona_core.app.declarations.inputs import Input
 from rona_core.app.dependencies.staleness import session_obstacles
 from rona_core.devices.settings import ROOM_C, ProbeSettings
 from rona_core.session.document import Session

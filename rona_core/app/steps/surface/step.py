@@ -4,11 +4,12 @@ from dataclasses import replace
 from functools import partial
 
 from rona_core.app.declarations import declarations as declare
-from rona_core.app.declarations.declarations import ActivityContext, Input, Message
+from rona_core.app.declarations.declarations import ActivityContext, Message
+from rona_core.app.declarations.inputs import Input
 from rona_core.app.dependencies.base_reference import carried_remark, found_again, placed_reason
 from rona_core.app.dependencies.inputs import capture_input, result_input
 from rona_core.app.messages.message import StoreCapture
-from rona_core.app.runtime.handling import compute_one, compute_result
+from rona_core.app.runtime.handling import compute, compute_result
 from rona_core.app.runtime.recording import capture_stroke, part_of
 from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.setup.inputs import CHOOSE_REFERENCE, REGION, SKULL
@@ -95,7 +96,7 @@ STEP = declare.Step(
         ),
         declare.Activity(
             messages.StartSkullRegistration,
-            compute_one,
+            compute,
             "Laying the points onto the skull",
             needs=(SURFACE,),
             check=_require_loaded,

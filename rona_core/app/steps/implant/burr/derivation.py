@@ -4,7 +4,7 @@ from typing import Literal
 
 import numpy as np
 
-from rona_core.app.declarations.declarations import Input
+from rona_core.app.declarations.inputs import Input
 from rona_core.app.dependencies.base_reference import error_field
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.dependencies.judged import usable

@@ -1,7 +1,7 @@
 """Landmarks: tracker registration and pointer verified against the robot, before it may scan."""
 
 from rona_core.app.declarations import declarations as declare
-from rona_core.app.declarations.declarations import Input
+from rona_core.app.declarations.inputs import Input
 from rona_core.app.dependencies.base_reference import found_again, placed_reason
 from rona_core.app.dependencies.inputs import capture_input, result_input
 from rona_core.app.runtime.handling import compute_result, record
