@@ -6,7 +6,7 @@ replay and the step list follow from the declarations (`registry`).
 
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import CancelledError as PoolCancelled
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias, TypeVar, get_type_hints
 
@@ -15,7 +15,7 @@ from rona_core.devices.live import Live
 from rona_core.devices.protocols import Cancel, Progress, Rig, never, silent
 from rona_core.errors import CancelledError
 from rona_core.session.captures import Capture as Recorded
-from rona_core.session.document import Session
+from rona_core.session.document import Results, Session
 from rona_core.session.specimen import LoadedSkull
 from rona_core.ultrasound.acoustic_calibration.expected_performance import WhatIf
 
@@ -154,15 +154,16 @@ class Result:
         settings: tuple[str, ...] = (),
         recompute: Callable[[Any, Arguments, Progress, Cancel], object] | None = None,
         spared: bool = False,
-        types: tuple[type, ...] = (),
     ) -> "Result":
-        """Declare a result by its derivation, whose first parameter is a class of inputs.
+        """Declare a result by its derivation, from a class of inputs to the class of the result.
 
         Raises:
             InvalidInputError: the first parameter has no such class.
         """
-        known = next(iter(get_type_hints(derive).values()))
+        hints = get_type_hints(derive)
+        known = next(iter(hints.values()))
         counted = counted_inputs(known)
+        types = () if name in {part.name for part in fields(Results)} else (hints["return"],)
         return cls(
             name, message, derive, counted, wanted, recompute, types, known, settings, spared
         )

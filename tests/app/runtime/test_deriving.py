@@ -60,18 +60,22 @@ class LastInputs:
 CALLS: list[str] = []
 
 
-def first_half(known: FirstInputs, asked: StartHalves, *, progress: Progress, cancel: Cancel):
+def first_half(
+    known: FirstInputs, asked: StartHalves, *, progress: Progress, cancel: Cancel
+) -> Half:
     CALLS.append("first half")
     progress(1.0)
     return Half(asked.slope * known.seed)
 
 
-def second_half(known: OptionalInputs, asked: StartHalves, *, progress: Progress, cancel: Cancel):
+def second_half(
+    known: OptionalInputs, asked: StartHalves, *, progress: Progress, cancel: Cancel
+) -> Half:
     CALLS.append("second half")
     return Half(1.0)
 
 
-def last_half(known: LastInputs, asked: StartHalves, *, progress: Progress, cancel: Cancel):
+def last_half(known: LastInputs, asked: StartHalves, *, progress: Progress, cancel: Cancel) -> Half:
     CALLS.append("last")
     progress(1.0)
     return Half(known.first.value + known.twice + asked.other)
@@ -168,7 +172,7 @@ def test_what_is_held_counts_though_it_is_not_usable():
     class Known:
         held: str | None = given(HELD, "held")
 
-    def derive(known: Known, asked: StartHalves, *, progress: Progress, cancel: Cancel):
+    def derive(known: Known, asked: StartHalves, *, progress: Progress, cancel: Cancel) -> Half:
         return Half(0.0 if known.held is None else 1.0)
 
     declared = declare.Result.of("held", StartHalves, derive, "held")

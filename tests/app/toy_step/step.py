@@ -59,9 +59,7 @@ STEP = declare.Step(
         ),
     ),
     captures=(declare.Capture("toy", "read the toy", (parts.robot,), types=(ToyCapture,)),),
-    results=(
-        declare.Result.of("toy line", FitToyLine, derive, "fit the toy line", types=(ToyLine,)),
-    ),
+    results=(declare.Result.of("toy line", FitToyLine, derive, "fit the toy line"),),
     line=declare.StepLine(
         "Toy",
         lambda session: "" if session.results.get("toy line") is None else "a line",
