@@ -5,13 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.app.steps.maps.accuracy.error_terms import ErrorTerm
-from rona_core.app.steps.maps.accuracy.map_accuracy import MapAccuracy, map_accuracy
-from rona_core.app.steps.maps.accuracy.map_terms import MapTerms, map_terms
+from rona_core.app.steps.maps.accuracy import TERMS, map_accuracy
 from rona_core.compose import build_virtual_rig
 from rona_core.evaluation.maps.map_errors import cell_errors_mm
 from rona_core.evaluation.truth import truth_of
 from rona_core.geometry.arrays import Bools, Floats
+from rona_core.mapping.accuracy.error_terms import ErrorTerm
+from rona_core.mapping.accuracy.map_accuracy import MapAccuracy
+from rona_core.mapping.accuracy.map_terms import MapTerms
 from rona_core.session.document import Session
 
 BAND = 1.96  # standard deviations: 95 % of a normal error
@@ -29,7 +30,7 @@ class Band:
 
 def bands(session: Session) -> Iterator[tuple[str, Band]]:
     """Yield every map of a session with virtual devices, absolute and for the same robot."""
-    made, accuracy, terms = session.results.maps, map_accuracy(session), map_terms(session)
+    made, accuracy, terms = session.results.maps, map_accuracy(session), TERMS.read(session)
     if made is None or accuracy is None or terms is None:
         return
     truth = truth_of(session, build_virtual_rig(session.setup).scene)

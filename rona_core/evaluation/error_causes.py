@@ -1,7 +1,7 @@
 """Errors of the maps by cause, against ground truth.
 
 A map follows its samples, so that what one cause does to each A-scan is what it does to the map.
-Beside each stands what the program predicts, ``app/steps/maps/accuracy/map_accuracy.py``.
+Beside each stands what the program predicts, ``mapping/accuracy``.
 """
 
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from scipy.spatial import KDTree
 
 from rona_core.app.dependencies.head_reference import watch_head
 from rona_core.app.steps.acoustics.thickness_uncertainty import speed_of_maps
-from rona_core.app.steps.scan.probe_poses import probe_poses_of
+from rona_core.app.steps.scan.inputs import POSES
 from rona_core.evaluation.figures import Figures, rms
 from rona_core.evaluation.maps.map_metrics import cells, outer_errors_mm, thickness_errors_mm
 from rona_core.evaluation.scan_metrics import WRONG_MM, true_probe_poses
@@ -76,7 +76,7 @@ def cause_figures(session: "Session", truth: Truth) -> Figures:
 
 def _led_back_mm(session: "Session", scan: "ScanCapture") -> Floats:
     """Return by how much (n, 3) the probe was led back to where the head lay in step 4."""
-    watch, poses = watch_head(session, scan), probe_poses_of(session)
+    watch, poses = watch_head(session, scan), POSES.read(session)
     back = None if watch is None else watch.back(scan.scans.times_s)
     if back is None or poses is None:
         return np.zeros((len(scan.scans), 3))

@@ -5,10 +5,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rona_core.app.dependencies.inputs import required
 from rona_core.app.dependencies.staleness import made_of
 from rona_core.app.steps.acoustics.thickness_uncertainty import at_speed_of_maps
 from rona_core.app.steps.scan.head_view import head_report
-from rona_core.app.steps.scan.probe_poses import probe_poses_of
+from rona_core.app.steps.scan.inputs import PLACES
 from rona_core.devices.wrench import summarize
 from rona_core.evaluation.figures import Figures
 from rona_core.evaluation.truth import Truth
@@ -71,10 +72,11 @@ def detected_passes(session: "Session") -> "list[tuple[Detection, tuple[ScanCapt
     further = session.captures.second
     if again is not None and further and made_of(again, "capture", further):
         passes.append((again.value, further))
-    poses = [[probe_poses_of(session, one) for one in scans] for _, scans in passes]
+    places = required(PLACES, session)
+    poses = [Poses.joined([places.poses(one) for one in scans]) for _, scans in passes]
     return [
-        (at_speed_of_maps(session, found, Poses.joined([p for p in told if p is not None])), scans)
-        for (found, scans), told in zip(passes, poses, strict=True)
+        (at_speed_of_maps(session, found, at), scans)
+        for (found, scans), at in zip(passes, poses, strict=True)
     ]
 
 

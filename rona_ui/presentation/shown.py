@@ -11,7 +11,7 @@ from rona_core.app.steps.implant.milling_motion import (
     milling_joints_at,
     milling_stale,
 )
-from rona_core.app.steps.maps.accuracy.map_accuracy import MapAccuracy, map_accuracy
+from rona_core.app.steps.maps.accuracy import map_accuracy
 from rona_core.app.steps.maps.comparison import MapComparison
 from rona_core.app.steps.maps.growing_map import GrowingMap
 from rona_core.app.steps.maps.view import SecondView, second_view
@@ -21,6 +21,7 @@ from rona_core.app.steps.scan.planned_motion import joints_at, motion_stale, mot
 from rona_core.app.steps.setup.clearance import PairClearance, clearance_violations, stands_clear
 from rona_core.app.steps.smoothing.path_view import PathView, path_view, preview_path
 from rona_core.geometry.arrays import Floats
+from rona_core.mapping.accuracy.map_accuracy import MapAccuracy
 from rona_core.mapping.boundary_map import Maps
 from rona_core.mapping.comparison.map_errors import MapErrors
 from rona_core.robot.kinematics.catalog import milling_robot, robot_model

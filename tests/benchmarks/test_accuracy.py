@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from benchmarks.suites.accuracy import accuracy, gap_fusion, judged_maps, map_cost
-from rona_core.app.steps.maps.accuracy.error_budget import OUTER, THICKNESS
 from rona_core.compose import build_virtual_rig
 from rona_core.evaluation.truth import truth_of
+from rona_core.mapping.accuracy.error_budget import OUTER, THICKNESS
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
 from rona_ui.resources import demo_session

@@ -8,7 +8,7 @@ from benchmarks.suites.accuracy import map_ranks
 from benchmarks.suites.accuracy.map_ranks import AS_IS, BEST, NORMAL, SHAPE, Cells, figures, steps
 from benchmarks.suites.accuracy.observed_cells import cell_observables
 from benchmarks.suites.ultrasound.observed_order import best_ranks
-from rona_core.app.steps.maps.accuracy.map_terms import map_terms
+from rona_core.app.steps.maps.accuracy import TERMS
 from rona_core.errors import RonaError
 from rona_core.session.files import load_session
 from rona_ui.resources import demo_session
@@ -83,7 +83,7 @@ def test_cells_of_the_demo_have_their_observables():
 
 def test_what_is_observed_at_a_cell_follows_the_samples_around_it():
     demo = load_session(demo_session())
-    maps, terms = demo.results.maps.value, map_terms(demo)
+    maps, terms = demo.results.maps.value, TERMS.read(demo)
     cells = np.flatnonzero(maps.outer.ok & maps.inner.ok)[:200]
     found = np.exp(cell_observables(demo, terms.thickness, cells))
     own, rest = found[:, : len(terms.thickness)], found[:, len(terms.thickness) :]

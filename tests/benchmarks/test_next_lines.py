@@ -12,7 +12,7 @@ from benchmarks.suites.accuracy.next_lines import (
     random_rows,
     share_over,
 )
-from rona_core.app.steps.maps.accuracy.map_accuracy import map_accuracy
+from rona_core.app.steps.maps.accuracy import map_accuracy
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
 from rona_ui.resources import demo_session

@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import KDTree
 
-from rona_core.app.steps.maps.accuracy.probe_place import cloud_prior
+from rona_core.app.dependencies.inputs import required
+from rona_core.app.steps.maps.inputs import CLOUD_PRIOR
 from rona_core.evaluation.figures import rms
 from rona_core.evaluation.maps.map_metrics import cells as cells_of
 from rona_core.evaluation.maps.map_metrics import outer_errors_mm
@@ -68,7 +69,7 @@ def fusion_figures(session: Session, truth: Truth) -> FusionFigures | None:
     if touched is not None:
         moved = register_points(points, touched).T_b_a @ points
         clouds = replace(clouds, moved=T_map_base @ moved, exact=T_map_base @ touched)
-    prior = cloud_prior(session)
+    prior = required(CLOUD_PRIOR, session)
     whole = _plates(samples, clouds, prior)
     middle = samples[:, :2].mean(axis=0)
     outside = np.linalg.norm(samples[:, :2] - middle, axis=1) > GAP_MM / 2.0

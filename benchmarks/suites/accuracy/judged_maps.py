@@ -8,11 +8,11 @@ from scipy.spatial import KDTree
 
 from benchmarks.suites.honesty.judged import Judged
 from benchmarks.suites.honesty.maps import maps as judged_maps
-from rona_core.app.steps.maps.accuracy.map_accuracy import MapAccuracy, map_accuracy
-from rona_core.app.steps.maps.accuracy.map_draws import draw_maps
+from rona_core.app.steps.maps.accuracy import drawn_maps, map_accuracy
 from rona_core.evaluation.maps.map_errors import cell_errors_mm
 from rona_core.evaluation.truth import Truth
 from rona_core.geometry.arrays import Bools, Floats
+from rona_core.mapping.accuracy.map_accuracy import MapAccuracy
 from rona_core.mapping.boundary_map import Maps
 from rona_core.session.document import Session
 
@@ -75,7 +75,7 @@ def _distances_mm(maps: Maps, samples_base: Floats) -> Floats:
 
 def _patches(session: Session, errors: dict[str, Floats], seed: int) -> Iterator[Judged]:
     """Yield mean errors of square patches beside their scatter over draws of the maps."""
-    draws = draw_maps(session, DRAWS, seed, same_robot=True)
+    draws = drawn_maps(session, DRAWS, seed, same_robot=True)
     maps = draws.maps
     thickness = draws.outer_mm - draws.inner_mm
     for name, values, middle in (

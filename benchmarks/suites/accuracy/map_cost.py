@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.cases.growth import exponent
 from benchmarks.metric import Metric, cpu_ms
-from rona_core.app.steps.maps.accuracy.map_draws import draw_maps
+from rona_core.app.steps.maps.accuracy import drawn_maps
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose
 from rona_core.mapping.coarse_map import coarse_map
@@ -35,7 +35,7 @@ def metrics() -> Iterator[Metric]:
     yield Metric("the same while the robot scans, an update", live_ms(), "ms", "lower", 100.0)
     yield Metric("growth with the samples, exponent", exponent(sizes, times), "1", "lower", 1.3)
     session = load_session(demo_session())
-    drawn = cpu_ms(lambda: draw_maps(session, DRAWS))
+    drawn = cpu_ms(lambda: drawn_maps(session, DRAWS))
     yield Metric(f"{DRAWS} draws of both boundaries, demo", drawn, "ms", "lower", 1e3)
     tracemalloc.start()
     made(survey(ALONG_MM[0]))

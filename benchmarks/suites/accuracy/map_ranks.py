@@ -20,7 +20,7 @@ from benchmarks.reference.map_coverage import parts, terms_of
 from benchmarks.suites.accuracy.observed_cells import cell_observables
 from benchmarks.suites.honesty.judged import over_draws, rank_correlation
 from benchmarks.suites.ultrasound.observed_order import best_ranks, ranks_by_others
-from rona_core.app.steps.maps.accuracy.map_terms import map_terms
+from rona_core.app.steps.maps.accuracy import TERMS
 from rona_core.compose import build_virtual_rig
 from rona_core.evaluation.maps.map_errors import cell_errors_mm
 from rona_core.evaluation.truth import truth_of
@@ -75,7 +75,7 @@ def _looked_at(sessions: Iterable[Session]) -> dict[str, list[Cells]]:
 
 def cells_of(session: Session) -> Iterator[tuple[str, Cells]]:
     """Yield what is looked at of each map of a session with virtual devices."""
-    made, terms = session.results.maps, map_terms(session)
+    made, terms = session.results.maps, TERMS.read(session)
     if made is None or terms is None or not made.value.inner.ok.any():
         return
     errors = cell_errors_mm(made.value, truth_of(session, build_virtual_rig(session.setup).scene))

@@ -11,12 +11,14 @@ import numpy as np
 from numpy.random import Generator
 
 from benchmarks.metric import Metric
+from rona_core.app.dependencies.inputs import required
 from rona_core.app.dependencies.staleness import input_digests
 from rona_core.app.procedure import PROCEDURE, run_procedure
 from rona_core.app.runtime.workbench import Workbench
-from rona_core.app.steps.maps.accuracy.map_accuracy import map_accuracy
+from rona_core.app.steps.maps.accuracy import map_accuracy
 from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
 from rona_core.app.steps.roll.derivation import plan_settings
+from rona_core.app.steps.roll.inputs import DRIVEN
 from rona_core.app.steps.roll.messages import StartRollSearch
 from rona_core.compose import new_workbench
 from rona_core.errors import RonaError
@@ -122,7 +124,7 @@ def _scanned(session: Session, way: SecondPassPath) -> tuple[float | None, float
     plan = plan_scan(
         way.path,
         robot_model(session.setup.devices.robot.model),
-        plan_settings(session, StartRollSearch()),
+        plan_settings(required(DRIVEN, session), StartRollSearch()),
     )
     made = Derived(
         SecondPass(way, plan), StartGapPlan.__name__, {}, input_digests("second", session)

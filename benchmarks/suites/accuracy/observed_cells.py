@@ -6,9 +6,9 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from benchmarks.suites.ultrasound.observed_order import LEAST
-from rona_core.app.steps.maps.accuracy.echo_terms import cells_map
-from rona_core.app.steps.maps.accuracy.error_terms import ErrorTerm
 from rona_core.geometry.arrays import Bools, Floats, Ints
+from rona_core.mapping.accuracy.echo_terms import cells_map
+from rona_core.mapping.accuracy.error_terms import ErrorTerm
 from rona_core.mapping.boundary_map import Maps
 from rona_core.mapping.fitting.plate_field import fit_field
 from rona_core.session.document import Session

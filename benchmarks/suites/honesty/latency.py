@@ -5,7 +5,7 @@ import numpy as np
 from benchmarks.suites.honesty.design import bench_of
 from benchmarks.suites.honesty.judged import Judged
 from rona_core.app.procedure import PROCEDURE, run_procedure
-from rona_core.app.steps.scan.probe_poses import pose_delay
+from rona_core.app.steps.scan.inputs import DELAY
 from rona_core.errors import RonaError
 
 SEEDS = range(40_200, 40_260)
@@ -26,7 +26,7 @@ def judge(seed: int) -> list[Judged]:
         bench.close()
     if not ending.completed:
         raise RonaError(f"step {ending.failed_step}: {ending.reason}")
-    found = pose_delay(session)
+    found = DELAY.read(session)
     if found is None:
         return []
     off_s = found.delay_s - session.setup.devices.robot.latency_ms / 1000.0

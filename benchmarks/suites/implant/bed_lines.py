@@ -21,7 +21,7 @@ from rona_core.app.steps.implant.derivation import derive_search
 from rona_core.app.steps.implant.implant_bed import ImplantBed
 from rona_core.app.steps.implant.messages import StartBedLines, StartBedSearch
 from rona_core.app.steps.implant.view import floor_base
-from rona_core.app.steps.maps.accuracy.map_draws import draw_maps
+from rona_core.app.steps.maps.accuracy import drawn_maps
 from rona_core.app.steps.maps.messages import Row, StartGapPlan, StartGapScan, StartMapping
 from rona_core.compose import build_virtual_rig, new_workbench, run_demo
 from rona_core.devices.protocols import never, silent
@@ -94,7 +94,7 @@ def line_figures(session: Session) -> LineFigures | None:
         return None
     if held.placed is None or held.placed.residual_mm is None:
         return None
-    hearing = bed_hearing(session, held, draw_maps(session, DRAWS, same_robot=True, grooves=True))
+    hearing = bed_hearing(session, held, drawn_maps(session, DRAWS, same_robot=True, grooves=True))
     shift_mm = _limit_shift_mm(hearing.least_mm)
     held = replace(held, limit_mm=max(held.limit_mm + shift_mm, 0.0))
     best = derive_bed_lines(_holding(session, held), StartBedLines(), progress=silent, cancel=never)
@@ -163,7 +163,7 @@ def _scanned(session: Session, held: ImplantBed, rows: tuple[Row, ...]) -> Judge
 
 
 def _judged(session: Session, held: ImplantBed) -> Judged:
-    draws = draw_maps(session, DRAWS, same_robot=True, grooves=True)
+    draws = drawn_maps(session, DRAWS, same_robot=True, grooves=True)
     least = bed_hearing(session, held, draws).least_mm
     chance = chance_above(least, 0.0).probability
     true = residual_mm(floor_base(held), truth_of(session, build_virtual_rig(session.setup).scene))

@@ -25,7 +25,6 @@ from rona_core.app.steps.implant.derivation import (
 from rona_core.app.steps.implant.implant_bed import ImplantBed
 from rona_core.app.steps.implant.messages import ImplantName, StartBedSearch
 from rona_core.app.steps.implant.view import FLOOR_MM
-from rona_core.app.steps.maps.accuracy.probe_place import repeatability_mm
 from rona_core.compose import new_workbench
 from rona_core.devices.protocols import never
 from rona_core.errors import InvalidInputError
@@ -33,6 +32,7 @@ from rona_core.evaluation.maps.bed_metrics import residual_mm
 from rona_core.evaluation.truth import Truth
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose
+from rona_core.mapping.accuracy.probe_place import repeatability_mm
 from rona_core.planning.bed import Bed
 from rona_core.planning.implants.catalogue import CATALOGUE, implant_named
 from rona_core.planning.implants.implant import MOST_LIFT_MM

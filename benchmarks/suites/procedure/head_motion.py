@@ -14,14 +14,13 @@ from benchmarks.metric import Metric, Progress, over_seeds
 from rona_core.app.dependencies.head_reference import watch_head
 from rona_core.app.overview.acceptance import quality_rows
 from rona_core.app.procedure import PROCEDURE, run_procedure
-from rona_core.app.steps.maps.derivation import derive_mapping
+from rona_core.app.runtime.deriving import derive_all
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.scan.head_view import head_figures
 from rona_core.app.steps.setup.messages import SetSeed, SetWorld
 from rona_core.app.steps.surface.derivation import derive_surface
 from rona_core.app.steps.surface.messages import BuildSurface
 from rona_core.compose import build_virtual_rig, new_workbench
-from rona_core.devices.protocols import never, silent
 from rona_core.evaluation.figures import rms
 from rona_core.evaluation.maps.map_metrics import cells, outer_errors_mm
 from rona_core.evaluation.scan_metrics import head_shift_figures
@@ -104,7 +103,7 @@ def as_it_is(session: Session) -> Session:
     results: dict[str, object] = {"surface": derive_surface(bare, BuildSurface())}
     for name in ("surface", "detection", "second_detection", "maps"):
         if name not in results:
-            results |= derive_mapping(bare, StartMapping(), progress=silent, cancel=never)
+            results |= derive_all(bare, StartMapping())
         value = results[name]
         made = None if value is None else Derived(value, StartMapping.__name__, {}, {})
         bare = bare.with_result(name, made)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Protocol, TypeAlias, TypeVar, get_type_hints
 
-from rona_core.app.declarations.inputs import Input, counted_inputs
+from rona_core.app.declarations.inputs import Input, input_parts
 from rona_core.devices.live import Live
 from rona_core.devices.protocols import Cancel, Progress, Rig, never, silent
 from rona_core.errors import CancelledError
@@ -162,7 +162,7 @@ class Result:
         """
         hints = get_type_hints(derive)
         known = next(iter(hints.values()))
-        counted = counted_inputs(known)
+        counted = input_parts(known).counted
         types = () if name in {part.name for part in fields(Results)} else (hints["return"],)
         return cls(
             name, message, derive, counted, wanted, recompute, types, known, settings, spared

@@ -21,7 +21,7 @@ from rona_core.session.document import Session
 
 T = TypeVar("T")
 T_co = TypeVar("T_co", covariant=True)
-_GIVEN, _COUNTED = "given", "__counted_inputs__"
+_GIVEN, _PARTS = "given", "__input_parts__"
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,15 +53,16 @@ class Quantity(Generic[T_co]):
     What is computed from it is computed from its inputs: each counts under its key.
     """
 
-    compute: Callable[..., T_co]  # pure; takes the parts in their order
+    compute: Callable[..., T_co | None]  # pure; takes the parts in their order
     parts: "Mapping[str, Input[object] | Quantity[object]]"
     optional: bool = False  # None is an answer, too
 
     def read(self, session: Session) -> T_co | None:
         """Return the value; None while an input that it needs is missing."""
-        values = [part.read(session) for part in self.parts.values()]
-        for part, value in zip(self.parts.values(), values, strict=True):
-            if is_missing(value) and not part.optional:
+        values: list[object] = []
+        for part in self.parts.values():
+            values.append(part.read(session))
+            if is_missing(values[-1]) and not part.optional:
                 return None
         return self.compute(*values)
 
@@ -139,7 +140,8 @@ def inputs(
         if "" in found:
             raise InvalidInputError(f"{kind.__name__} has an input without a key")
         counted = {k: item for k, item in found.items() if k not in (*implied, *free)}
-        setattr(made, _COUNTED, counted)
+        parts = InputParts(counted, {k: found[k] for k in implied}, {k: found[k] for k in free})
+        setattr(made, _PARTS, parts)
         return made
 
     return declare
@@ -153,13 +155,22 @@ def _may_be_missing(hint: object) -> bool:
     return get_origin(hint) is tuple or NoneType in get_args(hint)
 
 
-def counted_inputs(kind: type) -> Mapping[str, Input[object]]:
-    """Return the digested inputs of a class of inputs, by key.
+@dataclass(frozen=True, slots=True)
+class InputParts:
+    """The inputs of a class of inputs, by key."""
+
+    counted: Mapping[str, Input[object]]  # digested
+    implied: Mapping[str, Input[object]]
+    free: Mapping[str, Input[object]]
+
+
+def input_parts(kind: type) -> InputParts:
+    """Return the inputs of a class of inputs.
 
     Raises:
         InvalidInputError: it is none.
     """
-    found = getattr(kind, _COUNTED, None)
+    found = getattr(kind, _PARTS, None)
     if found is None:
         raise InvalidInputError(f"a derivation takes a class of inputs, not {kind.__name__}")
     return found

@@ -1,6 +1,7 @@
 """Where the head was during a capture: led back to how it lay in the first stroke of step 4."""
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Literal
 
 from rona_core.app.declarations.inputs import Input
@@ -30,18 +31,39 @@ class HeadWatch:
         return self.motion.back(times_s) if self.motion and self.state == "moved" else None
 
 
-def watch_head(session: Session, capture: Watched | None) -> HeadWatch | None:
-    """Return what the head did during a capture; None where nobody recorded its marker."""
-    if capture is None or capture.head is None:
-        return None
+@dataclass(frozen=True, slots=True, eq=False)
+class HeadReference:
+    """How the head lay in the first stroke of step 4, by the marker on it."""
+
+    first: PointerCapture | None  # None where the marker was not recorded
+    T_base_tracker: Pose | None  # None where it is not known, for a reason
+    reason: str = ""
+
+    def watch(self, capture: Watched) -> HeadWatch | None:
+        """Return what the head did during a capture; None where its marker was not recorded."""
+        if capture.head is None:
+            return None
+        if self.first is None:
+            return HeadWatch("unchecked", reason="the head marker was not recorded in step 4")
+        if self.T_base_tracker is None:
+            return HeadWatch("unchecked", reason=self.reason)
+        return _watch(self.first, capture, self.T_base_tracker)
+
+
+def head_of(session: Session) -> HeadReference:
+    """Return how the head lay in the first stroke of step 4."""
     first = session.captures.surface[0] if session.captures.surface else None
     if first is None or first.head is None:
-        return HeadWatch("unchecked", reason="the head marker was not recorded in step 4")
+        return HeadReference(None, None)
     try:
-        T_base_tracker = reference_of(session, first).T_base_tracker
+        return HeadReference(first, reference_of(session, first).T_base_tracker)
     except RonaError as error:
-        return HeadWatch("unchecked", reason=str(error))
-    return _watch(first, capture, T_base_tracker)
+        return HeadReference(first, None, str(error))
+
+
+def watch_head(session: Session, capture: Watched | None) -> HeadWatch | None:
+    """Return what the head did during a capture; None where its marker was not recorded."""
+    return None if capture is None else head_of(session).watch(capture)
 
 
 @remember(16)  # captures never change
@@ -88,10 +110,12 @@ def _held(session: Session, names: tuple[str, ...]) -> list[Watched]:
     return found
 
 
-def head_input(*captures: str) -> Input[object]:
-    """Return what the head did during captures of these names as an input of a result.
+@cache
+def head_input(*captures: str) -> Input[HeadReference]:
+    """Return how the head lay, for captures of these names: one object for each set of names.
 
-    It counts by what it is worked out from: the last bits of the motion depend on the processor.
+    It counts by what the motion in those captures is computed from: the last bits of the motion
+    depend on the processor.
     """
 
     def recorded(session: Session) -> object:
@@ -104,8 +128,8 @@ def head_input(*captures: str) -> Input[object]:
         tracks = [track for capture in watched for track in (capture.head, capture.base)]
         return (*registered, *first, *tracks)
 
-    def worked_out(session: Session) -> object:
+    def watches(session: Session) -> object:
         found = (watch_head(session, capture) for capture in _held(session, captures))
         return tuple(watch for watch in found if watch is not None)
 
-    return Input(recorded, "watch the head marker", optional=True, earlier=worked_out)
+    return Input(head_of, "watch the head marker", optional=True, earlier=watches, counts=recorded)

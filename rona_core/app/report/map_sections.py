@@ -12,11 +12,12 @@ from rona_core.app.report.page import Html, joined, note, table, tag, tile
 from rona_core.app.report.thickness_graphs import section_graph, thickness_histogram
 from rona_core.app.steps.acoustics.view import loss_words, speed_state
 from rona_core.app.steps.boundaries.probe_advice import probe_advice
-from rona_core.app.steps.maps.accuracy.error_budget import error_budgets
-from rona_core.app.steps.maps.accuracy.map_accuracy import accuracy_words, map_accuracy
+from rona_core.app.steps.maps.accuracy import map_accuracy
 from rona_core.app.steps.maps.export import map_sheet
 from rona_core.app.steps.maps.view import ROUND_MM, ROUND_SIGMA_MM, scale_limits_mm
 from rona_core.geometry.arrays import Floats
+from rona_core.mapping.accuracy.error_budget import error_budgets
+from rona_core.mapping.accuracy.map_accuracy import accuracy_words
 from rona_core.mapping.files.map_sheet import MapSheet, cell_sizes_mm
 from rona_core.session.document import Session
 

@@ -13,6 +13,7 @@ from rona_core.geometry.pose_covariance import cross_matrices
 from rona_core.robot.kinematics.arm import wrapped
 from rona_core.robot.kinematics.robot_model import RobotModel
 
+ROBOT_ACCURACY_MM = 0.35  # 3D RMS of the tip, as the paper states for its arm
 ALIKE_RAD = np.deg2rad(45.0)  # no joint of postures that are alike differs by more
 
 

@@ -9,7 +9,7 @@ from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 
 from rona_core.app.runtime.saving.session_files import MAX_UPLOAD_BYTES
-from rona_core.app.steps.maps.accuracy.map_draws import MOST_DRAWS, draw_maps
+from rona_core.app.steps.maps.accuracy import MOST_DRAWS, drawn_maps
 from rona_core.app.steps.maps.comparison import (
     ErrorFigures,
     MapComparison,
@@ -197,7 +197,7 @@ def get_map_draws(
     `u_mm` and `v_mm`; `ok` (nu, nv) says where both boundaries were mapped. Refused while there are
     no maps, or while they are stale.
     """
-    draws = draw_maps(bench.session, count, seed, same_robot=same_robot)
+    draws = drawn_maps(bench.session, count, seed, same_robot=same_robot)
     maps, data = draws.maps, io.BytesIO()
     np.savez_compressed(
         data,

@@ -17,7 +17,7 @@ from rona_core.app.report.report import workbench_report
 from rona_core.app.steps.acoustics.thickness_uncertainty import reference_gain
 from rona_core.app.steps.boundaries.ascan_view import ScanName, ascan_plot
 from rona_core.app.steps.boundaries.probe_advice import probe_advice
-from rona_core.app.steps.maps.accuracy.map_accuracy import map_accuracy
+from rona_core.app.steps.maps.accuracy import map_accuracy
 from rona_core.app.steps.scan.landmarks.view import landmark_report
 from rona_core.app.steps.tool.calibration_view import calibration_view
 from rona_core.errors import NotFoundError

@@ -4,16 +4,11 @@ from typing import Any
 
 from rona_core.app.dependencies.requirements import blocked_reason
 from rona_core.app.steps.implant.burr.messages import StartBurrCapture
-from rona_core.app.steps.implant.burr.view import burr_view
-from rona_core.app.steps.maps.accuracy.probe_place import SEAT_MM
+from rona_core.app.steps.implant.burr.view import UNKNOWN, burr_view
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext
 from rona_ui.presentation.snapshot import Snapshot, changed
-
-UNKNOWN = (
-    f"Not registered: the burr may be off by {SEAT_MM:g} mm along each axis, so fewer beds fit."
-)
 
 
 class BurrFields:

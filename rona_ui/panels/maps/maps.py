@@ -7,8 +7,7 @@ import numpy as np
 
 from rona_core.app.steps.acoustics.view import loss_words
 from rona_core.app.steps.boundaries.probe_advice import judge_bone
-from rona_core.app.steps.maps.accuracy.error_budget import error_budgets
-from rona_core.app.steps.maps.accuracy.map_accuracy import accuracy_words
+from rona_core.app.steps.maps.accuracy import accuracy_sentence, budgets
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.maps.view import (
     MapLayers,
@@ -28,7 +27,6 @@ from rona_ui.presentation.colors import diverging_css
 from rona_ui.presentation.shown import (
     map_errors,
     map_sigma,
-    shown_map_accuracy,
     shown_maps,
     shows_handheld_maps,
 )
@@ -159,9 +157,9 @@ class MapsPanel(StepPanel):
             f"Outer boundary in {100.0 * float(value.outer_ok.mean()):.0f} %, inner boundary in "
             f"{100.0 * float(value.inner_ok.mean()):.0f} % of {len(value.inner_ok)} A-scans."
         )
-        accuracy = shown_map_accuracy(snapshot)
-        if accuracy is not None:
-            words += f" {accuracy_words(maps, accuracy)}"
+        accuracy = accuracy_sentence(snapshot.session, hand=shows_handheld_maps(snapshot))
+        if accuracy:
+            words += f" {accuracy}"
         if value.method == "subtract":  # the others judge no levels
             words += f" {loss_words(value)}"
         kind = "warn" if judge_bone(value).kind in ("no front", "no echo") else "good"
@@ -170,11 +168,12 @@ class MapsPanel(StepPanel):
 
 def budget_table(snapshot: Snapshot) -> str:
     """Return what each cause adds to the error of the robot's maps, predicted and in truth."""
-    accuracy = None if shows_handheld_maps(snapshot) else shown_map_accuracy(snapshot)
-    if accuracy is None:
+    of_robot = not shows_handheld_maps(snapshot)
+    found = budgets(snapshot.session, snapshot.figures) if of_robot else ()
+    if not found:
         return style.text("Known once the boundaries of the robot's scan are mapped.")
     html = ""
-    for budget in error_budgets(accuracy, snapshot.figures):
+    for budget in found:
         rows = [
             (
                 escape(line.title),

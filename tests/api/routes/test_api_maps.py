@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from rona_core.app.steps.maps.accuracy.map_draws import draw_maps
+from rona_core.app.steps.maps.accuracy import drawn_maps
 from rona_core.app.steps.maps.comparison import compare_maps
 from rona_core.app.steps.maps.export import export_maps
 from rona_core.app.steps.maps.volume import echo_volume
@@ -63,7 +63,7 @@ def test_draws_of_the_maps_are_those_that_a_script_gets(web, client, demo):
     wanted = {"count": 4, "seed": 3, "same_robot": True}
     answer = client.get(f"/sessions/{demo}/maps/draws", params=wanted)
     assert answer.status_code == 200, answer.text
-    draws = draw_maps(web.hub.get(demo).session, 4, 3, same_robot=True)
+    draws = drawn_maps(web.hub.get(demo).session, 4, 3, same_robot=True)
     with np.load(io.BytesIO(answer.content)) as got:
         assert set(got) == {"T_base_map", "u_mm", "v_mm", "ok", "outer_mm", "inner_mm"}
         np.testing.assert_allclose(got["outer_mm"], draws.outer_mm, atol=1e-5)

@@ -29,7 +29,6 @@ from rona_core.app.steps.handheld.messages import (
 from rona_core.app.steps.implant.messages import PlanMilling, StartBedLines
 from rona_core.app.steps.path.messages import StartPathCapture
 from rona_core.app.steps.pointer.messages import StartPointerCapture
-from rona_core.app.steps.roll.derivation import derive_roll
 from rona_core.app.steps.roll.messages import StartBasePlacement, StartRollSearch
 from rona_core.app.steps.setup.messages import (
     AddObstacle,
@@ -51,12 +50,12 @@ from rona_core.app.steps.setup.messages import (
 )
 from rona_core.app.steps.surface.messages import StartSurfaceCapture
 from rona_core.compose import virtual_services
-from rona_core.devices.protocols import never, silent
 from rona_core.errors import RonaError
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
 from rona_ui.resources import demo_session
+from tests.helpers.derived import derived
 
 NOTHING: frozenset[str] = frozenset()
 MAPS = frozenset(("maps", "bed", "lines", "milling"))
@@ -311,7 +310,7 @@ def value_of(session, name):
     held = session.results.get(name)
     message = message_from(held.message, held.arguments)
     try:
-        return digest(REGISTRY.result(name, held.message).derive(session, message))
+        return digest(derived(name, session, message))
     except RonaError as error:
         return str(error)
 
@@ -345,10 +344,7 @@ def test_what_stays_fresh_is_computed_bit_for_bit_the_same(session, values, grou
 )
 def test_what_a_plan_rests_on_makes_another_plan(session, kind, name):
     few = StartRollSearch(n_rolls=2, roll_from_deg=110.0, roll_to_deg=130.0)
-    plans = [
-        derive_roll(each, few, progress=silent, cancel=never)
-        for each in (session, changed(session, kind, name))
-    ]
+    plans = [derived("roll", each, few) for each in (session, changed(session, kind, name))]
     assert plans[0].trajectory is not None
     assert digest_of(plans[0]) != digest_of(plans[1])
 

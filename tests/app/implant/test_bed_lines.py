@@ -10,7 +10,7 @@ from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.messages.serialization import message_from
 from rona_core.app.steps.implant.bed_lines import bed_hearing, lines_verdict
 from rona_core.app.steps.implant.messages import PlaceBed, StartBedLines
-from rona_core.app.steps.maps.accuracy.map_draws import draw_maps
+from rona_core.app.steps.maps.accuracy import drawn_maps
 from rona_core.app.steps.maps.messages import StartGapPlan
 from rona_core.compose import new_workbench
 from rona_core.errors import CancelledError, InvalidInputError
@@ -47,7 +47,7 @@ def test_without_what_no_scan_tells_lines_tell_most_of_it(bench):
     session = bench.session
     held, draws = (
         session.results.get("bed").value,
-        draw_maps(session, 400, same_robot=True, grooves=True),
+        drawn_maps(session, 400, same_robot=True, grooves=True),
     )
     hearing = bed_hearing(session, held, draws)
     told = 1.0 - best_lines(hearing, 120.0).left_share

@@ -5,12 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rona_core.app.dependencies.inputs import required
 from rona_core.app.steps.implant import rehearsal_task
 from rona_core.app.steps.implant.messages import RehearseMilling
 from rona_core.app.steps.implant.rehearsal import derive_rehearsal, rehearsal_ok, rehearsal_verdict
 from rona_core.app.steps.implant.rehearsal_task import FloorScan, milling_task
 from rona_core.app.steps.implant.view import milling_view
 from rona_core.app.steps.roll.derivation import plan_settings
+from rona_core.app.steps.roll.inputs import DRIVEN
 from rona_core.app.steps.roll.messages import StartRollSearch
 from rona_core.compose import milling_site
 from rona_core.devices.protocols import never, silent
@@ -48,7 +50,7 @@ def probe_robot(session):
 
 
 def verified(session, plan):
-    settings = plan_settings(session, StartRollSearch())
+    settings = plan_settings(required(DRIVEN, session), StartRollSearch())
     return verify_scan(
         probe_robot(session),
         plan.trajectory,
@@ -107,8 +109,8 @@ def test_where_the_probe_may_not_touch_the_floor_is_not_scanned_and_the_reason_i
 ):
     """The planted fault: a head that the delay line has to keep away from like all else."""
 
-    def untouched(session, message):
-        settings = plan_settings(session, message)
+    def untouched(driven, message):
+        settings = plan_settings(driven, message)
         return replace(settings, obstacles=settings.obstacles.without_touch())
 
     monkeypatch.setattr(rehearsal_task, "plan_settings", untouched)

@@ -17,7 +17,6 @@ from rona_core.app.steps.implant.derivation import (
 )
 from rona_core.app.steps.implant.messages import PlaceBed, StartBedSearch
 from rona_core.app.steps.implant.view import floor_base, milling_view, percent, verdict
-from rona_core.app.steps.maps.accuracy.probe_place import repeatability_mm
 from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.devices.protocols import never, silent
 from rona_core.errors import (
@@ -26,6 +25,7 @@ from rona_core.errors import (
     StaleResultError,
     StepBlockedError,
 )
+from rona_core.mapping.accuracy.probe_place import repeatability_mm
 from rona_core.planning.implants.catalogue import implant_named
 from rona_core.session.codec import digest
 from rona_core.session.document import Session

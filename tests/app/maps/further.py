@@ -4,9 +4,8 @@ from dataclasses import replace
 
 from rona_core.app.dependencies.staleness import input_digests
 from rona_core.app.messages.serialization import serialize_arguments
-from rona_core.app.steps.maps.derivation import derive_mapping
+from rona_core.app.runtime.deriving import derive_all
 from rona_core.app.steps.maps.messages import StartMapping
-from rona_core.devices.protocols import never, silent
 from rona_core.devices.samples import AScanTrack
 from rona_core.session.captures import ScanCapture
 from rona_core.session.document import Derived, Session
@@ -24,7 +23,7 @@ def half_of(capture: ScanCapture) -> ScanCapture:
 
 def mapped_again(session: Session) -> Session:
     """Return the session with its boundaries detected and mapped once more."""
-    values = derive_mapping(session, StartMapping(), progress=silent, cancel=never)
+    values = derive_all(session, StartMapping())
     for name, value in values.items():
         made = Derived(
             value,

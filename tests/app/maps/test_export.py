@@ -11,7 +11,7 @@ import pytest
 import trimesh
 
 from rona_core.app.runtime.session_step import Undo
-from rona_core.app.steps.maps.accuracy.map_accuracy import map_accuracy
+from rona_core.app.steps.maps.accuracy import map_accuracy
 from rona_core.app.steps.maps.export import ALL, FRAME, MANIFEST, NAMES, export_maps
 from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.compose import new_workbench

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
+from rona_core.app.dependencies.inputs import required
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.messages.message import StoreCapture
+from rona_core.app.runtime.deriving import derive_again, derive_all
 from rona_core.app.runtime.handling import handle
 from rona_core.app.steps.boundaries.ascan_view import (
     ascan_plot,
@@ -19,22 +21,16 @@ from rona_core.app.steps.boundaries.ascan_view import (
 )
 from rona_core.app.steps.boundaries.handlers import scans_of
 from rona_core.app.steps.boundaries.messages import CorrectBoundary
-from rona_core.app.steps.maps.accuracy.error_budget import error_budgets
-from rona_core.app.steps.maps.accuracy.map_accuracy import map_accuracy
-from rona_core.app.steps.maps.accuracy.probe_place import OTHER_POSTURE
-from rona_core.app.steps.maps.derivation import (
-    derive_mapping,
-)
+from rona_core.app.steps.maps.accuracy import map_accuracy
 from rona_core.app.steps.maps.further_passes import (
-    before_plan,
     joined_poses,
     joined_scans,
     usable_second,
 )
-from rona_core.app.steps.maps.gap_plan import derive_second, recompute_second
 from rona_core.app.steps.maps.messages import StartGapPlan, StartMapping
 from rona_core.app.steps.maps.view import second_cells, second_view
 from rona_core.app.steps.scan.head_view import head_report
+from rona_core.app.steps.scan.inputs import PLACES
 from rona_core.app.steps.scan.planned_motion import joints_at, motion_times, replayed
 from rona_core.devices.protocols import never, silent
 from rona_core.devices.samples import AScanTrack
@@ -42,6 +38,8 @@ from rona_core.errors import InvalidInputError, StepBlockedError
 from rona_core.evaluation.scan_postures import scan_postures
 from rona_core.geometry.arrays import readonly
 from rona_core.geometry.pose import Poses
+from rona_core.mapping.accuracy.error_budget import error_budgets
+from rona_core.mapping.accuracy.probe_place import OTHER_POSTURE
 from rona_core.mapping.second_pass import standoffs_mm
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.link_errors import alike
@@ -49,6 +47,7 @@ from rona_core.robot.redundancy.other_roll import with_other_roll
 from rona_core.session.codec import digest
 from rona_core.session.files import load_session, session_bytes, session_from_bytes
 from tests.app.maps.further import half_of, mapped_again
+from tests.helpers.derived import derived
 
 SMALL = Path(__file__).parents[2] / "contract" / "sessions" / "schema_5.rona"
 
@@ -91,8 +90,8 @@ def test_passes_of_another_scan_give_way(two):
 def test_each_pass_has_its_own_poses_and_its_own_place_in_detection_and_maps(small, two, mapped):
     whole, part = two.captures.second
     n, m = len(whole.scans), len(part.scans)
-    poses = joined_poses(two, two.captures.second)
-    alone = joined_poses(small, small.captures.second)
+    poses = joined_poses(required(PLACES, two), two.captures.second)
+    alone = joined_poses(required(PLACES, small), small.captures.second)
     np.testing.assert_array_equal(poses.translations[:n], alone.translations)
     np.testing.assert_array_equal(poses.translations[n:], alone.translations[:m])
     found = mapped.results.second_detection.value
@@ -112,7 +111,7 @@ def test_the_head_is_followed_in_each_pass(two):
 
 def test_further_passes_count_from_where_the_first_one_heard_the_bone(mapped):
     """Curved bone is heard too late: what is corrected in the map is not in the echoes."""
-    poses = joined_poses(mapped, mapped.captures.second)
+    poses = joined_poses(required(PLACES, mapped), mapped.captures.second)
     known = mapped.results.second_detection.value.standoff_mm
     late = known - standoffs_mm(mapped.results.maps.value.outer, poses)
     assert np.ptp(late) < 1e-9
@@ -124,7 +123,7 @@ def test_a_boundary_of_a_later_pass_is_corrected_by_its_number_in_all_of_them(sm
     found = mapped.results.second_detection.value
     i = n + int(np.flatnonzero(found.inner_ok[n:])[0])
     edited = handle(CorrectBoundary(i, "second", remove="inner"), mapped)
-    again = derive_mapping(edited, StartMapping(), progress=silent, cancel=never)
+    again = derive_all(edited, StartMapping())
     assert again["second_detection"] is found  # what was detected is kept
     first = len(mapped.results.detection.value)
     assert mapped.results.maps.value.inner_used[first + i]
@@ -133,7 +132,7 @@ def test_a_boundary_of_a_later_pass_is_corrected_by_its_number_in_all_of_them(sm
 
 def test_a_pass_is_planned_over_the_gaps_that_all_before_left(small):
     cut = small.with_capture("second", (half_of(small.captures.second[0]),))
-    planned = derive_second(cut, StartGapPlan(), progress=silent, cancel=never)
+    planned = derived("second", cut, StartGapPlan())
     before = small.results.second.value
     assert (before.n_before, planned.n_before) == (0, 1)
     assert 6 <= planned.way.gap_cells < 0.7 * before.way.gap_cells
@@ -141,14 +140,15 @@ def test_a_pass_is_planned_over_the_gaps_that_all_before_left(small):
     assert not second_view(held).scanned
     after = handle(StoreCapture("second", half_of(small.captures.second[0])), held)
     assert second_view(after).scanned
-    assert before_plan(after).captures.second == cut.captures.second
-    again = recompute_second(after, {}, silent, never)
+    again = derive_again(
+        "second", after, replace(after.results.second, arguments={}), silent, never
+    )
     assert digest(again) == digest(planned)
 
 
 def test_without_a_gap_that_is_left_there_is_nothing_to_plan(small):
     with pytest.raises(StepBlockedError, match="no gap is left"):
-        derive_second(small, StartGapPlan(), progress=silent, cancel=never)
+        derived("second", small, StartGapPlan())
 
 
 @pytest.fixture(scope="module")
@@ -230,9 +230,8 @@ def in_another_posture(capture):
 def test_a_further_pass_is_planned_in_the_posture_of_the_scan(small):
     scan = in_another_posture(small.captures.scan)
     for session in (small, small.with_capture("scan", scan)):
-        planned = derive_second(
-            before_plan(session), StartGapPlan(), progress=silent, cancel=never
-        ).plan.trajectory
+        alone = session.with_capture("second", ())
+        planned = derived("second", alone, StartGapPlan()).plan.trajectory
         start, end = planned.scan_start_s, planned.scan_end_s
         found = planned.qs_rad[(planned.times_s >= start) & (planned.times_s <= end)]
         model = robot_model("rx90")

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy.interpolate import RectBivariateSpline
 
-from rona_core.app.steps.acoustics.derivation import robot_probe
+from rona_core.app.dependencies.inputs import required
+from rona_core.app.steps.acoustics.inputs import ROBOT_PROBE
 from rona_core.app.steps.maps.growing_map import MapGrower
 from rona_core.devices.live import RecordedSoFar
 from rona_core.devices.samples import AScan, JointSample
@@ -66,7 +67,7 @@ def test_how_often_one_looked_changes_nothing_but_the_noise_that_is_read_off(dem
 
 
 def test_the_outer_boundary_alone_is_that_of_the_whole_detection(demo):
-    found, probe = demo.results.detection.value, robot_probe(demo)
+    found, probe = demo.results.detection.value, required(ROBOT_PROBE, demo)
     track = demo.captures.scan.scans
     alone = detect_outer(ProbeSurvey(track, probe, demo.setup.devices.probe.excitation))
     np.testing.assert_array_equal(alone.ok, found.outer_ok)

@@ -7,16 +7,14 @@ import pytest
 from scipy.special import ndtr
 
 from rona_core.app.runtime.session_step import Undo
-from rona_core.app.steps.maps.accuracy.echo_terms import UNHEARD
-from rona_core.app.steps.maps.accuracy.error_terms import HIDDEN_ALIKE, HIDDEN_FROM, hidden_depths
-from rona_core.app.steps.maps.accuracy.map_accuracy import map_accuracy
-from rona_core.app.steps.maps.accuracy.map_draws import MOST_DRAWS, draw_maps
-from rona_core.app.steps.maps.accuracy.map_terms import map_terms
+from rona_core.app.steps.maps.accuracy import MOST_DRAWS, TERMS, drawn_maps, map_accuracy
 from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.compose import build_virtual_rig, new_workbench
 from rona_core.errors import InvalidInputError, StaleResultError, StepBlockedError
 from rona_core.evaluation.maps.map_errors import cell_errors_mm
 from rona_core.evaluation.truth import truth_of
+from rona_core.mapping.accuracy.echo_terms import UNHEARD
+from rona_core.mapping.accuracy.error_terms import HIDDEN_ALIKE, HIDDEN_FROM, hidden_depths
 from rona_core.mapping.build_maps import LEAST_THICKNESS_MM
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
@@ -32,7 +30,7 @@ def demo():
 
 @pytest.fixture(scope="module", params=[False, True], ids=["absolute", "same robot"])
 def drawn(request, demo):
-    return request.param, draw_maps(demo, COUNT, 5, same_robot=request.param)
+    return request.param, drawn_maps(demo, COUNT, 5, same_robot=request.param)
 
 
 def test_draws_scatter_about_the_maps_as_wide_as_is_stated(demo, drawn):
@@ -59,7 +57,7 @@ def test_what_all_cells_share_moves_the_whole_map(demo, drawn):
     of_map = (draws.outer_mm - draws.maps.outer.height_mm)[:, ok].mean(axis=1).std()
     shared = [
         float(np.mean(np.broadcast_to(term.shared_mm, ok.shape)[ok]))
-        for term in map_terms(demo).outer
+        for term in TERMS.read(demo).outer
         if not (same_robot and term.of_robot)
     ]
     # and by no more: what cells differ by has no mean of its own
@@ -82,8 +80,8 @@ def test_cells_differ_from_the_mean_of_their_map_by_what_is_stated(demo, drawn):
 
 def test_what_a_front_echo_errs_by_moves_the_thickness_and_not_the_inner_boundary(demo):
     """Both boundaries err alike by where the probe was, and by nothing else."""
-    draws = draw_maps(demo, COUNT, 8, same_robot=True)
-    maps, terms = draws.maps, map_terms(demo)
+    draws = drawn_maps(demo, COUNT, 8, same_robot=True)
+    maps, terms = draws.maps, TERMS.read(demo)
     ok = maps.outer.ok & maps.inner.ok
     outer, inner = (
         (values - boundary.height_mm)[:, ok]
@@ -106,11 +104,11 @@ def test_what_a_front_echo_errs_by_moves_the_thickness_and_not_the_inner_boundar
 
 def test_bone_between_two_cells_is_no_rougher_in_draws_than_their_errors_are(demo):
     """On this bone the truth may be asked, where it was heard."""
-    draws = draw_maps(demo, 100, 9, same_robot=True)
+    draws = drawn_maps(demo, 100, 9, same_robot=True)
     maps = draws.maps
     truth = truth_of(demo, build_virtual_rig(demo.setup).scene)
     errors = cell_errors_mm(maps, truth)["inner_same_robot"]
-    (unheard,) = (t for t in map_terms(demo).thickness if t.cause == UNHEARD)
+    (unheard,) = (t for t in TERMS.read(demo).thickness if t.cause == UNHEARD)
     heard = np.isfinite(errors) & (np.hypot(unheard.own_mm, unheard.shared_mm) < 0.03)
     beside = heard[1:] & heard[:-1]
     assert beside.sum() > 100
@@ -126,7 +124,7 @@ def test_the_inner_boundary_is_never_outside_the_outer_one(demo):
     maps = demo.results.maps.value
     thin = replace(maps.inner, height_mm=maps.outer.height_mm - 0.3)
     made = replace(demo.results.maps, value=replace(maps, inner=thin))
-    draws = draw_maps(demo.with_result("maps", made), 50)
+    draws = drawn_maps(demo.with_result("maps", made), 50)
     thickness = draws.outer_mm - draws.inner_mm
     assert thickness.min() == pytest.approx(LEAST_THICKNESS_MM)
     assert (thickness > 0.31).any()
@@ -134,7 +132,7 @@ def test_the_inner_boundary_is_never_outside_the_outer_one(demo):
 
 def test_what_hides_only_takes_bone_away_where_a_bed_is_planned(demo):
     either, grooves = (
-        draw_maps(demo, 60, 3, same_robot=True, grooves=grooves) for grooves in (False, True)
+        drawn_maps(demo, 60, 3, same_robot=True, grooves=grooves) for grooves in (False, True)
     )
     np.testing.assert_array_equal(either.outer_mm, grooves.outer_mm)
     less_mm = grooves.inner_mm - either.inner_mm  # grooves in the place of crests
@@ -152,23 +150,23 @@ def test_hidden_depths_have_their_rms_and_what_they_share():
 
 
 def test_a_seed_gives_its_draws_again_and_another_one_others(demo):
-    first, again, other = (draw_maps(demo, 3, seed) for seed in (1, 1, 2))
+    first, again, other = (drawn_maps(demo, 3, seed) for seed in (1, 1, 2))
     np.testing.assert_array_equal(first.inner_mm, again.inner_mm)
     assert not np.allclose(first.inner_mm, other.inner_mm)
 
 
 def test_maps_that_do_not_count_are_not_drawn(demo):
     with pytest.raises(StepBlockedError, match="map the boundaries"):
-        draw_maps(Session(), 10)
+        drawn_maps(Session(), 10)
     for count in (0, MOST_DRAWS + 1):
-        with pytest.raises(InvalidInputError, match=f"{count} draws were asked for: 1 to"):
-            draw_maps(demo, count)
+        with pytest.raises(InvalidInputError, match=f"{count} draws are out of range: 1 to"):
+            drawn_maps(demo, count)
     bench = new_workbench(demo)
     try:
         bench.dispatch(SetProbe(name="1MHz"))
         with pytest.raises(StaleResultError, match="maps are stale"):
-            draw_maps(bench.session, 10)
+            drawn_maps(bench.session, 10)
         bench.dispatch(Undo())
-        assert len(draw_maps(bench.session, 10).outer_mm) == 10
+        assert len(drawn_maps(bench.session, 10).outer_mm) == 10
     finally:
         bench.close()

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from rona_core.app.steps.maps.accuracy.echo_terms import roughness_term
 from rona_core.geometry.pose import Pose
+from rona_core.mapping.accuracy.echo_terms import roughness_term
 from rona_core.mapping.boundary_map import BoundaryMap
 from rona_core.mapping.fitting.plate_field import ROUGHNESS_MM, fit_field
 from rona_core.ultrasound.probe.beam import rms_roughness_mm

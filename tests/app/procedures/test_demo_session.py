@@ -12,12 +12,11 @@ from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.messages.serialization import message_from
 from rona_core.app.runtime.recompute import recompute, replay
-from rona_core.app.steps.maps.derivation import derive_detection, derive_second_detection
-from rona_core.devices.protocols import never, silent
 from rona_core.errors import CancelledError
 from rona_core.session.codec import digest
 from rona_core.session.files import load_session, session_bytes, session_from_bytes
 from tests.app.procedures.result_differences import compare
+from tests.helpers.derived import derived
 
 DEMO = Path(__file__).parents[3] / "sessions" / "demo.rona"
 REMEDY = "make it anew: make demo-session"
@@ -66,18 +65,15 @@ def test_the_demo_session_packs_close_to_the_noise_that_it_holds(session, packed
 
 
 @pytest.mark.parametrize(
-    ("name", "derive"),
-    [
-        ("detection", derive_detection),
-        pytest.param("second_detection", derive_second_detection, marks=pytest.mark.slow),
-    ],
+    "name",
+    ["detection", pytest.param("second_detection", marks=pytest.mark.slow)],
 )
-def test_a_packed_file_gives_the_very_same_detection(session, packed, name, derive):
+def test_a_packed_file_gives_the_very_same_detection(session, packed, name):
     back = session_from_bytes(packed)
     assert digest(back) == digest(session)
     stored = getattr(session.results, name)
     message = message_from(stored.message, dict(stored.arguments))
-    again, before = (derive(s, message, progress=silent, cancel=never) for s in (back, session))
+    again, before = (derived(name, s, message) for s in (back, session))
     assert digest(again) == digest(before)
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import pytest
 
 from rona_core.app.declarations import declarations as declare
-from rona_core.app.declarations.inputs import Input, Quantity, counted_inputs, given, inputs
+from rona_core.app.declarations.inputs import Input, Quantity, given, input_parts, inputs
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.inputs import capture_input, required, result_input
 from rona_core.app.dependencies.staleness import input_digests, stale_reason
@@ -145,7 +145,7 @@ def test_what_stands_is_kept_where_something_else_does_not(change, asked, calls)
 
 
 def test_implied_inputs_are_handed_and_not_digested():
-    assert set(counted_inputs(LastInputs)) == {"first", "second", "speed"}
+    assert set(input_parts(LastInputs).counted) == {"first", "second", "speed"}
     session = made(Session().with_setup(seed=4), StartHalves())
     known = read_inputs(LastInputs, session)
     assert (known.twice, known.second) == (8.0, None)
@@ -207,7 +207,7 @@ def test_a_class_of_inputs_that_contradicts_itself_is_refused():
         first: float = given(seed, "first")
         twice: float = given(TWICE, renamed={"seed": "first"})
 
-    assert set(counted_inputs(Renamed)) == {"first"}
+    assert set(input_parts(Renamed).counted) == {"first"}
     with pytest.raises(InvalidInputError, match="no inputs"):
 
         @inputs(implied=("other",))

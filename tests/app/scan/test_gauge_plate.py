@@ -3,20 +3,21 @@
 import numpy as np
 import pytest
 
+from rona_core.app.dependencies.inputs import required
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.procedure import run_procedure
-from rona_core.app.steps.acoustics.derivation import robot_probe, session_probe
+from rona_core.app.steps.acoustics.inputs import HELD_PROBE, ROBOT_PROBE
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.path.messages import StartPathCapture
 from rona_core.app.steps.pointer.messages import StartPointerCapture
 from rona_core.app.steps.roll.messages import StartRollSearch
+from rona_core.app.steps.scan.inputs import KNOWN_MOUNTING, POSES
 from rona_core.app.steps.scan.messages import (
     CalibrateProbeMounting,
     StartProbeMountingCapture,
     StartScan,
 )
-from rona_core.app.steps.scan.probe_mounting import known_mounting, mounting_view
-from rona_core.app.steps.scan.probe_poses import probe_poses_of
+from rona_core.app.steps.scan.probe_mounting import mounting_view
 from rona_core.app.steps.setup.messages import SetProbe, SetRegion, SetWorld
 from rona_core.app.steps.smoothing.messages import SmoothScanPath
 from rona_core.app.steps.surface.messages import StartSurfaceCapture
@@ -50,30 +51,32 @@ def scanned():
 def test_the_gauge_takes_away_what_mounting_and_warm_line_do_to_the_map(scanned):
     bench = new_workbench(scanned.session)
     before = bench.figures()
-    poses = probe_poses_of(bench.session)
+    poses = POSES.read(bench.session)
     assert mounting_view(bench.session) is None
     bench.run(StartProbeMountingCapture(n=5))
     assert stale_reason("maps", bench.session) is not None  # they do not know of it yet
     bench.run(StartMapping())
     after = bench.figures()
     assert after["outer_same_robot_rms_mm"] < 0.08 < before["outer_same_robot_rms_mm"]
-    found = known_mounting(bench.session)
-    moved = probe_poses_of(bench.session).translations - poses.translations
+    found = KNOWN_MOUNTING.read(bench.session)
+    moved = POSES.read(bench.session).translations - poses.translations
     axes = poses.rotations[:, :, 2]
     np.testing.assert_allclose(moved, found.offset_mm * axes, atol=1e-9)
     true_mm = world_of(bench.session.setup).clamping.translation[2]
     assert abs(found.offset_mm - true_mm) < 0.4
-    assert robot_probe(bench.session).line_delay_us == pytest.approx(found.line_delay_us)
-    assert session_probe(bench.session).line_delay_us == pytest.approx(18.75)  # of another probe
+    assert required(ROBOT_PROBE, bench.session).line_delay_us == pytest.approx(found.line_delay_us)
+    assert required(HELD_PROBE, bench.session).line_delay_us == pytest.approx(
+        18.75
+    )  # of another probe
     view = mounting_view(bench.session)
     assert view.verdict == "good"
     outer = [s.results.maps.value.outer_points_base for s in (scanned.session, bench.session)]
-    outward = -probe_poses_of(bench.session).rotations[:, :, 2]
+    outward = -POSES.read(bench.session).rotations[:, :, 2]
     shift_mm = np.median(np.einsum("ij,ij->i", outer[1] - outer[0], outward))
     assert float(view.sentence.split()[2]) == pytest.approx(shift_mm, abs=0.02)
     saved = session_from_bytes(session_bytes(bench.session))
     assert stale_reason("maps", saved) is None
-    assert known_mounting(saved).offset_mm == found.offset_mm
+    assert KNOWN_MOUNTING.read(saved).offset_mm == found.offset_mm
     bench.close()
 
 
@@ -82,10 +85,10 @@ def test_it_is_stale_with_the_probe_and_forgotten_on_demand(scanned):
     bench.run(StartProbeMountingCapture(n=5))
     bench.run(StartMapping())
     bench.dispatch(SetProbe(excitation="pulse"))
-    assert known_mounting(bench.session) is None
+    assert KNOWN_MOUNTING.read(bench.session) is None
     assert mounting_view(bench.session).verdict == "stale"
     bench.dispatch(SetProbe())
-    assert known_mounting(bench.session) is not None
+    assert KNOWN_MOUNTING.read(bench.session) is not None
     assert stale_reason("maps", bench.session) is None
     bench.dispatch(CalibrateProbeMounting(use=False))
     assert mounting_view(bench.session) is None

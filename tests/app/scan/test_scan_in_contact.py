@@ -12,8 +12,7 @@ from rona_core.app.dependencies.head_reference import watch_head
 from rona_core.app.dependencies.staleness import session_obstacles
 from rona_core.app.steps.scan import captures as scan_capture
 from rona_core.app.steps.scan.captures import capture_scan
-from rona_core.app.steps.scan.probe_mounting import known_mounting
-from rona_core.app.steps.scan.probe_poses import pose_delay, probe_poses_of
+from rona_core.app.steps.scan.inputs import DELAY, KNOWN_MOUNTING, POSES
 from rona_core.app.steps.tool.robot_motion import drive_to
 from rona_core.devices.live import Live
 from rona_core.devices.settings import ContactSettings
@@ -111,13 +110,13 @@ def test_the_stand_off_is_where_the_probe_really_is(pressed):
 
 def test_the_delay_of_the_joint_angles_is_found(pressed):
     session, _ = pressed
-    delay = pose_delay(session)
+    delay = DELAY.read(session)
     assert delay.delay_s == pytest.approx(0.008, abs=0.0008)
     assert delay.sigma_s < 0.0005
-    found = probe_poses_of(session).translations
+    found = POSES.read(session).translations
     capture = session.captures.scan
     model = robot_model(session.setup.devices.robot.model)
-    face = Pose.from_translation((0.0, 0.0, known_mounting(session).offset_mm))
+    face = Pose.from_translation((0.0, 0.0, KNOWN_MOUNTING.read(session).offset_mm))
     back = watch_head(session, capture).back(capture.scans.times_s)
 
     def faces(late_s):
@@ -264,4 +263,4 @@ def test_without_contact_position_alone_drives_as_before():
     )
     assert np.abs(late - wanted).max() < 2e-4
     session = replace(session, captures=replace(session.captures, scan=capture))
-    assert pose_delay(session).delay_s == pytest.approx(0.008, abs=0.001)
+    assert DELAY.read(session).delay_s == pytest.approx(0.008, abs=0.001)

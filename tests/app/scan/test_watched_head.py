@@ -15,8 +15,8 @@ from rona_core.app.steps.path.messages import StartPathCapture
 from rona_core.app.steps.pointer.messages import StartPointerCapture
 from rona_core.app.steps.roll.messages import StartRollSearch
 from rona_core.app.steps.scan.head_view import HeadShift, head_report, head_sentence, unwatched
+from rona_core.app.steps.scan.inputs import POSES
 from rona_core.app.steps.scan.messages import StartScan
-from rona_core.app.steps.scan.probe_poses import probe_poses_of
 from rona_core.app.steps.setup.messages import (
     MoveTracker,
     SetContact,
@@ -100,8 +100,8 @@ def test_poses_are_led_back_to_where_the_head_lay_in_step_4(restless):
     session = restless.session
     moved = true_shift(session)
     assert np.linalg.norm(moved.mean(axis=0)) > 0.2  # a case that is worth it
-    raw = probe_poses_of(without_marker(session)).translations
-    found = raw - probe_poses_of(session).translations
+    raw = POSES.read(without_marker(session)).translations
+    found = raw - POSES.read(session).translations
     assert np.linalg.norm((found - moved).mean(axis=0)) < 0.02
     assert np.sqrt(((found - moved) ** 2).mean()) < 0.05
     figures = restless.figures()
@@ -135,9 +135,7 @@ def test_a_head_that_moves_too_far_within_the_scan_does_not_pass(restless):
 def test_saved_and_opened_it_is_the_same_and_older_files_stay_as_they_are(restless):
     session = restless.session
     opened = session_from_bytes(session_bytes(session))
-    np.testing.assert_array_equal(
-        probe_poses_of(opened).translations, probe_poses_of(session).translations
-    )
+    np.testing.assert_array_equal(POSES.read(opened).translations, POSES.read(session).translations)
     assert stale_reason("maps", opened) is None
     older = without_marker(session)
     assert "head" not in encode(older.captures.scan, "scan", {})
@@ -164,8 +162,8 @@ def test_at_rest_nothing_changes_by_a_bit(planned):
     assert {s.state for s in report.shifts} == {"still"}
     assert "has not moved" in report.sentence
     np.testing.assert_array_equal(
-        probe_poses_of(session).translations,
-        probe_poses_of(without_marker(session)).translations,
+        POSES.read(session).translations,
+        POSES.read(without_marker(session)).translations,
     )
     bench.close()
 

@@ -5,10 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rona_core.app.dependencies.inputs import required
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.runtime.recompute import recompute
 from rona_core.app.runtime.session_step import Undo
-from rona_core.app.steps.acoustics.derivation import entry_points, session_probe, usable_speed
+from rona_core.app.steps.acoustics.derivation import entry_points
+from rona_core.app.steps.acoustics.inputs import HELD_PROBE, KNOWN_SPEED
 from rona_core.app.steps.acoustics.messages import (
     AddReferencePoint,
     CalibrateDelayLine,
@@ -60,7 +62,9 @@ def test_a_block_gives_the_line_that_detection_then_takes():
     line = bench.session.results.line.value
     slower = 1.60 / (1.60 - 0.0025 * 13.0)  # rubber slows down as it warms
     assert line.delay_us == pytest.approx(nominal * slower, abs=0.02)
-    assert session_probe(bench.session).line_delay_us == pytest.approx(line.delay_us, abs=1e-9)
+    assert required(HELD_PROBE, bench.session).line_delay_us == pytest.approx(
+        line.delay_us, abs=1e-9
+    )
     assert line_state(bench.session).verdict == "weak"  # one temperature only
     bench.run(StartDelayLineCapture(n=8, temperatures_c=(20.0, 30.0, 40.0)))
     line = bench.session.results.line.value
@@ -68,11 +72,11 @@ def test_a_block_gives_the_line_that_detection_then_takes():
     assert line.at(35.0)[0] == pytest.approx(nominal * slower, abs=0.02)
     bench.dispatch(SetProbe(name="1MHz"))
     assert line_state(bench.session).verdict == "stale"
-    assert session_probe(bench.session) == probe_model("1MHz")
+    assert required(HELD_PROBE, bench.session) == probe_model("1MHz")
     bench.dispatch(Undo())
     assert line_state(bench.session).verdict == "good"
     bench.dispatch(CalibrateDelayLine(use=False))
-    assert session_probe(bench.session).line_delay_us == nominal
+    assert required(HELD_PROBE, bench.session).line_delay_us == nominal
     bench.close()
 
 
@@ -171,10 +175,10 @@ def test_points_by_hand_are_added_removed_and_taken_back(mapped):
     assert len(reference_rows(bench.session)) == 3
     bench.dispatch(CalibrateSoundSpeed())
     assert speed_state(bench.session).verdict in ("good", "weak")
-    assert usable_speed(bench.session) is not None
+    assert KNOWN_SPEED.read(bench.session) is not None
     bench.dispatch(RemoveReferencePoint())
     assert bench.session.captures.references is None
-    assert usable_speed(bench.session) is None
+    assert KNOWN_SPEED.read(bench.session) is None
     assert speed_state(bench.session).verdict == "stale"
     with pytest.raises(InvalidInputError, match="either"):
         AddReferencePoint(5.0)
@@ -184,7 +188,7 @@ def test_points_by_hand_are_added_removed_and_taken_back(mapped):
 def test_another_patient_makes_the_points_stale(calibrated):
     other = replace(calibrated, setup=replace(calibrated.setup, seed=calibrated.setup.seed + 1))
     assert stale_reason("capture references", other) is not None
-    assert usable_speed(other) is None
+    assert KNOWN_SPEED.read(other) is None
 
 
 def test_the_speed_is_the_same_when_it_is_computed_again(calibrated):

@@ -8,10 +8,12 @@ import pytest
 
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.messages.message import StoreCapture
+from rona_core.app.runtime.deriving import derive_all
 from rona_core.app.runtime.handling import handle
 from rona_core.app.runtime.session_step import Undo
 from rona_core.app.runtime.store import Store
 from rona_core.app.steps.acoustics.derivation import with_known_speed
+from rona_core.app.steps.acoustics.inputs import KNOWN_SPEED
 from rona_core.app.steps.acoustics.view import loss_words
 from rona_core.app.steps.boundaries.ascan_view import (
     ascan_plot,
@@ -21,11 +23,9 @@ from rona_core.app.steps.boundaries.ascan_view import (
 )
 from rona_core.app.steps.boundaries.handlers import detection_of_scan
 from rona_core.app.steps.boundaries.messages import ClearBoundaryCorrections, CorrectBoundary
-from rona_core.app.steps.maps.derivation import derive_mapping, derive_second_detection
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.maps.view import second_cells, second_view
 from rona_core.app.steps.scan.planned_motion import joints_at, plan_of
-from rona_core.devices.protocols import never, silent
 from rona_core.errors import InvalidInputError, StepBlockedError
 from rona_core.mapping.build_maps import boundary_points
 from rona_core.robot.kinematics.catalog import robot_model
@@ -34,6 +34,7 @@ from rona_core.session.document import Session
 from rona_core.session.files import load_session, session_bytes, session_from_bytes
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import speed_at
 from rona_core.ultrasound.detection.detect import doubted, heard
+from tests.helpers.derived import derived
 
 TESTS = Path(__file__).resolve().parents[2]
 DEMO = TESTS.parent / "sessions" / "demo.rona"
@@ -77,7 +78,7 @@ def test_only_an_outer_boundary_makes_the_second_pass_detect_again(demo):
 def test_the_maps_take_the_corrected_boundary_and_nothing_is_detected_twice(demo):
     i, found = sure(demo), demo.results.detection.value
     after = handle(CorrectBoundary(i, inner_us=float(found.inner_us[i]) + 0.5), demo)
-    mapped = derive_mapping(after, StartMapping(), progress=silent, cancel=never)
+    mapped = derive_all(after, StartMapping())
     assert mapped["detection"] is found
     assert mapped["second_detection"] is demo.results.second_detection.value
     before = demo.results.maps.value
@@ -86,7 +87,9 @@ def test_the_maps_take_the_corrected_boundary_and_nothing_is_detected_twice(demo
     speed = speed_at(demo.results.speed.value, scan_poses(demo).translations[i : i + 1])[0][0]
     np.testing.assert_allclose(moved[i], 0.5 * speed / 2 * axis, atol=1e-4)
     assert np.abs(np.delete(moved, i, axis=0)).max() < 1e-9
-    corrected = with_known_speed(detection_of_scan(after), scan_poses(after), after, None)
+    corrected = with_known_speed(
+        detection_of_scan(after), scan_poses(after), KNOWN_SPEED.read(after), None
+    )
     expected = boundary_points(corrected, scan_poses(after))[1]
     late = mapped["maps"].inner_points_base[: len(found)] - expected
     assert np.linalg.norm(late, axis=1).max() < 0.2  # the curvature of the bone, alike for all
@@ -94,12 +97,7 @@ def test_the_maps_take_the_corrected_boundary_and_nothing_is_detected_twice(demo
 
 def test_a_boundary_that_was_taken_away_is_not_mapped(demo):
     i = int(np.flatnonzero(demo.results.maps.value.inner_used)[30])
-    mapped = derive_mapping(
-        handle(CorrectBoundary(i, remove="inner"), demo),
-        StartMapping(),
-        progress=silent,
-        cancel=never,
-    )
+    mapped = derive_all(handle(CorrectBoundary(i, remove="inner"), demo), StartMapping())
     assert not mapped["maps"].inner_used[i]
 
 
@@ -209,12 +207,7 @@ def test_the_second_pass_says_what_it_brought(demo):
     used = maps.inner_points_base[n:][maps.inner_used[n:]]
     gaps = [np.linalg.norm(used - cell, axis=1).min() for cell in cells.points_base]
     assert max(gaps) < 4.0  # a sample of the second pass lies beside each of them
-    alone = derive_mapping(
-        replace(demo, captures=replace(demo.captures, second=())),
-        StartMapping(),
-        progress=silent,
-        cancel=never,
-    )["maps"]
+    alone = derive_all(demo.with_capture("second", ()), StartMapping())["maps"]
     lost = maps.inner.ok.sum() - alone.inner.ok.sum()
     assert len(cells.points_base) == pytest.approx(int(lost), abs=0.03 * maps.outer.ok.sum())
 
@@ -226,7 +219,7 @@ def test_where_the_first_pass_hears_nothing_the_second_is_not_believed(demo):
     assert heard(first.value)
     assert not heard(mute)
     session = demo.with_result("detection", replace(first, value=mute))
-    found = derive_second_detection(session, StartMapping(), progress=silent, cancel=never)
+    found = derived("second_detection", session, StartMapping())
     assert not found.inner_ok.any()
     assert (found.inner_quality <= 0.5)[demo.results.second_detection.value.inner_ok].all()
     assert "not learned, too few sure inner echoes" in loss_words(mute)

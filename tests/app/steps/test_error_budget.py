@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.app.steps.maps.accuracy.error_budget import OUTER, THICKNESS, error_budgets
-from rona_core.app.steps.maps.accuracy.map_accuracy import map_accuracy
+from rona_core.app.steps.maps.accuracy import map_accuracy
 from rona_core.compose import build_virtual_rig, evaluate_virtual
 from rona_core.evaluation.error_causes import KEYS
 from rona_core.evaluation.maps.map_metrics import cells, outer_errors_mm
 from rona_core.evaluation.scan_metrics import true_probe_poses
 from rona_core.evaluation.truth import truth_of
+from rona_core.mapping.accuracy.error_budget import OUTER, THICKNESS, error_budgets
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import speed_at

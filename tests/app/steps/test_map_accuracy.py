@@ -9,25 +9,24 @@ from benchmarks.reference.map_coverage import bands, parts, within
 from rona_core.app.steps.acoustics.thickness_uncertainty import speed_of_maps
 from rona_core.app.steps.boundaries.ascan_view import ascan_plot
 from rona_core.app.steps.boundaries.messages import CorrectBoundary
-from rona_core.app.steps.maps.accuracy.echo_terms import (
+from rona_core.app.steps.maps.accuracy import ROBOT_PLACE, TERMS, map_accuracy
+from rona_core.app.steps.maps.view import layers_of
+from rona_core.devices.settings import ROBOTS
+from rona_core.mapping.accuracy.echo_terms import (
     FRONT_UNHEARD,
     ROUGHNESS,
     UNHEARD,
     front_unheard_term,
     unheard_term,
 )
-from rona_core.app.steps.maps.accuracy.error_terms import ErrorTerm
-from rona_core.app.steps.maps.accuracy.map_accuracy import accuracy_words, map_accuracy
-from rona_core.app.steps.maps.accuracy.map_terms import map_terms
-from rona_core.app.steps.maps.accuracy.probe_place import (
+from rona_core.mapping.accuracy.error_terms import ErrorTerm
+from rona_core.mapping.accuracy.map_accuracy import accuracy_words
+from rona_core.mapping.accuracy.probe_place import (
     REPEATABILITY_MM,
-    ROBOT_ACCURACY_MM,
     ROOM_K,
     WARMING_K,
-    robot_place,
 )
-from rona_core.app.steps.maps.view import layers_of
-from rona_core.devices.settings import ROBOTS
+from rona_core.robot.kinematics.link_errors import ROBOT_ACCURACY_MM
 from rona_core.session.codec import decode, digest, encode
 from rona_core.session.document import Derived, Session, SonoMaps
 from rona_core.session.migrate import SCHEMA, migrate
@@ -82,7 +81,7 @@ def test_without_the_gauge_plate_the_mounting_is_the_largest_cause(demo):
 def test_a_line_that_warms_with_the_root_of_time_is_off_by_its_mean_and_spread(demo):
     warmth_k = WARMING_K * np.sqrt(np.linspace(0.0, 1.0, 100_001))  # from the gauge to the end
     with_gauge, without = (
-        next(term for term in robot_place(session).terms if term.cause == "delay line")
+        next(term for term in ROBOT_PLACE.read(session).terms if term.cause == "delay line")
         for session in (demo, demo.with_result("mounting", None))
     )
     mm_per_k = without.shared_mm / ROOM_K
@@ -120,7 +119,7 @@ def test_the_parts_add_up_and_the_robot_counts_where_another_uses_the_map(demo, 
     assert not bone.robot_own_mm.any()
     assert not bone.robot_shared_mm.any()
     # what front echoes err by moves the thickness, not the inner boundary
-    terms = map_terms(demo)
+    terms = TERMS.read(demo)
     for ways in ("own_mm", "shared_mm"):
         fronts = (*terms.front, terms.front_unheard)
         of_front = sum(np.square(getattr(term, ways)) for term in fronts)
@@ -132,7 +131,7 @@ def test_the_parts_add_up_and_the_robot_counts_where_another_uses_the_map(demo, 
     of_mean = {row.cause: row.shared_mm for row in bone.budget}
     rest_mm2 = sum(of_mean[cause] ** 2 for cause in ("time of flight", "interpolation"))
     assert 0.0 < rest_mm2 < 0.5 * rms(bone.own_mm[both]) ** 2
-    (unheard,) = [t for t in map_terms(demo).thickness if t.cause == UNHEARD]
+    (unheard,) = [t for t in TERMS.read(demo).thickness if t.cause == UNHEARD]
     rest_mm2 = rest_mm2 + np.broadcast_to(unheard.shared_mm, both.shape)[both] ** 2
     share = np.sqrt(bone.shared_mm[both] ** 2 - rest_mm2) / maps.thickness_mm()[both]
     np.testing.assert_allclose(share, share[0], rtol=1e-6)  # one for the whole map
@@ -220,8 +219,8 @@ def test_an_outer_boundary_set_by_hand_tells_nothing_of_how_rough_the_bone_is(de
     found = demo.results.detection.value
     i = int(used[np.argmin(found.outer_quality[used])])
     edit = CorrectBoundary(i, outer_us=float(found.outer_us[i])).edit()
-    after = map_terms(replace(demo, boundary_edits=demo.boundary_edits.put(edit)))
-    before = map_terms(demo)
+    after = TERMS.read(replace(demo, boundary_edits=demo.boundary_edits.put(edit)))
+    before = TERMS.read(demo)
     assert np.array_equal(after.rough.own_mm, before.rough.own_mm)
     assert not np.array_equal(after.front[0].own_mm, before.front[0].own_mm)
     assert np.ptp(before.rough.own_mm) > 0.01
@@ -282,7 +281,7 @@ def test_an_ascan_states_the_thickness_with_the_speed_of_sound_in_it(demo):
 def test_bone_is_less_sure_the_more_of_the_places_around_it_nobody_heard(demo):
     """Against every cell's own weighted count, place by place."""
     maps = demo.results.maps.value
-    (term,) = [t for t in map_terms(demo).thickness if t.cause == UNHEARD]
+    (term,) = [t for t in TERMS.read(demo).thickness if t.cause == UNHEARD]
     ascans = (maps.inner.T_base_map.inv() @ maps.outer_points_base)[:, :2]
     heard: dict[tuple[int, int], bool] = {}  # by places 1 mm wide
     for place, was in zip(np.rint(ascans).astype(int).tolist(), maps.inner_used, strict=True):

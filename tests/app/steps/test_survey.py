@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 import rona_core.app
+from rona_core.app.dependencies.inputs import required
 from rona_core.app.dependencies.staleness import input_digests, stale_reason
 from rona_core.app.runtime.session_step import Undo
-from rona_core.app.steps.acoustics.derivation import robot_probe, session_probe, usable_speed
+from rona_core.app.steps.acoustics.inputs import HELD_PROBE, KNOWN_SPEED, ROBOT_PROBE
 from rona_core.app.steps.acoustics.messages import (
     CalibrateDelayLine,
     StartCaliperMeasurements,
     StartDelayLineCapture,
 )
 from rona_core.app.steps.handheld.derivation import (
-    derive_sono_detection,
     hand_poses,
     hand_reference,
     posed_scans,
@@ -28,22 +28,18 @@ from rona_core.app.steps.handheld.messages import (
     StartHandheldScan,
 )
 from rona_core.app.steps.maps import derivation
-from rona_core.app.steps.maps.derivation import (
-    derive_detection,
-    derive_second_detection,
-    probe_poses,
-)
 from rona_core.app.steps.maps.further_passes import joined_poses
 from rona_core.app.steps.maps.messages import StartMapping
+from rona_core.app.steps.scan.inputs import PLACES, POSES
 from rona_core.app.steps.setup.messages import SetProbe, SetSeed, SetWorld
 from rona_core.compose import new_workbench
-from rona_core.devices.protocols import never, silent
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import speed_at
 from rona_core.ultrasound.detection.detect import NOMINAL_SPEED_MM_PER_US
 from rona_core.ultrasound.probe.probe_model import probe_model
 from rona_ui.resources import demo_session
+from tests.helpers.derived import derived
 
 WARM_C = 34.0
 
@@ -70,13 +66,13 @@ class _AskedError(Exception):
 
 @pytest.fixture
 def asked(monkeypatch):
-    def ask(derive, session, message):
+    def ask(name, session, message):
         def spy(*given, **named):
             raise _AskedError(given, named)
 
         monkeypatch.setattr(derivation, "detect", spy)
         with pytest.raises(_AskedError) as caught:
-            derive(session, message, progress=silent, cancel=never)
+            derived(name, session, message)
         return caught.value.args
 
     return ask
@@ -88,19 +84,19 @@ def passes(session):
     posed = posed_scans(session, hand)
     return {
         "first": (
-            derive_detection,
+            "detection",
             StartMapping,
             session.captures.scan.scans,
-            probe_poses(session),
+            required(POSES, session),
         ),
         "second": (
-            derive_second_detection,
+            "second_detection",
             StartMapping,
             session.captures.second[0].scans,
-            joined_poses(session, session.captures.second),
+            joined_poses(required(PLACES, session), session.captures.second),
         ),
         "hand": (
-            derive_sono_detection,
+            "sono_detection",
             StartHandheldMapping,
             replace(
                 hand.scans,
@@ -121,12 +117,12 @@ def test_every_kind_of_scan_gives_detection_all_that_is_known(measured, asked, n
     frame, T_base_tracker, _ = hand_reference(session, session.captures.sono_scan)
     assert frame == "base"
     mounted = session.results.sono.value.T_sonomarker_probe
-    derive, message, scans, Ts_base_probe = passes(session)[name]
-    (asked_for,), given = asked(derive, session, message(sound_speed_mm_per_us=speed))
+    result, message, scans, Ts_base_probe = passes(session)[name]
+    (asked_for,), given = asked(result, session, message(sound_speed_mm_per_us=speed))
     probe = asked_for.probe
     np.testing.assert_array_equal(asked_for.track.rf, scans.rf)
     line = session.results.line.value
-    known = session_probe(session) if name == "hand" else robot_probe(session)
+    known = required(HELD_PROBE, session) if name == "hand" else required(ROBOT_PROBE, session)
     assert probe == known != probe_model(session.setup.devices.probe)
     if name == "hand":  # another probe than the one that the gauge plate was screwed to
         assert probe.line_delay_us == pytest.approx(line.at(22.0)[0], abs=1e-9)
@@ -147,7 +143,7 @@ def test_every_kind_of_scan_gives_detection_all_that_is_known(measured, asked, n
 def test_detection_is_called_at_one_place_for_all_scans():
     folder = Path(rona_core.app.__file__).parent
     callers = set()
-    for path in folder.rglob("*.py"):
+    for path in (*folder.rglob("*.py"), *(folder.parent / "mapping").rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text())):
             called = node.func if isinstance(node, ast.Call) else None
             if isinstance(called, ast.Name) and called.id == "detect":
@@ -159,6 +155,7 @@ def test_detection_is_called_at_one_place_for_all_scans():
         "scans",
         "poses",
         "probe",
+        "excitation",
         "known_standoff_mm",
         "bone_loss",
     ]
@@ -208,7 +205,7 @@ def test_the_calibrated_speed_holds_in_the_scan_by_hand_too(measured):
             np.linalg.norm(m.inner_points_base - m.outer_points_base, axis=1)[used]
             for m in (before, after)
         ]
-        there = speed_at(usable_speed(bench.session), before.outer_points_base[used])[0]
+        there = speed_at(KNOWN_SPEED.read(bench.session), before.outer_points_base[used])[0]
         np.testing.assert_allclose(thick[1] / thick[0], there / NOMINAL_SPEED_MM_PER_US, rtol=1e-4)
         assert np.abs(there / NOMINAL_SPEED_MM_PER_US - 1.0).max() > 0.002
         bench.run(StartHandheldMapping(sound_speed_mm_per_us=NOMINAL_SPEED_MM_PER_US))

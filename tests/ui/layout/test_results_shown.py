@@ -11,10 +11,11 @@ import pytest
 
 from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.runtime.jobs import JobStatus
-from rona_core.app.steps.maps.accuracy.map_accuracy import accuracy_words, map_accuracy
+from rona_core.app.steps.maps.accuracy import map_accuracy
 from rona_core.app.steps.maps.comparison import MapComparison
 from rona_core.app.steps.maps.view import layers_of
 from rona_core.devices.live import LiveState
+from rona_core.mapping.accuracy.map_accuracy import accuracy_words
 from rona_core.mapping.comparison.map_errors import MapErrors
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import Session

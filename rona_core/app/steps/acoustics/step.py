@@ -6,7 +6,7 @@ import numpy as np
 
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext, Message
-from rona_core.app.dependencies.inputs import capture_input, require_result, result_input
+from rona_core.app.dependencies.inputs import capture_input, require_result, required, result_input
 from rona_core.app.dependencies.staleness import capture_setup_digest, stale_reason
 from rona_core.app.runtime.handling import compute_result, computed, record
 from rona_core.app.runtime.recording import begin
@@ -16,9 +16,9 @@ from rona_core.app.steps.acoustics.derivation import (
     derive_speed,
     entry_points,
     require_point,
-    usable_speed,
 )
-from rona_core.app.steps.scan.probe_poses import probe_poses_of
+from rona_core.app.steps.acoustics.inputs import KNOWN_SPEED
+from rona_core.app.steps.scan.inputs import POSES, SCAN
 from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.setup.inputs import BLOCK_PROBE, MODEL
 from rona_core.errors import CancelledError, InvalidInputError, StepBlockedError
@@ -29,7 +29,7 @@ from rona_core.ultrasound.acoustic_calibration.expected_performance import WhatI
 from rona_core.ultrasound.acoustic_calibration.reference_points import propose_references
 
 BLOCK, REFERENCES = capture_input("block"), capture_input("references")
-SCAN_CAPTURE, DETECTION = capture_input("scan"), result_input("detection")
+DETECTION = result_input("detection")
 
 
 def capture_thickness(
@@ -37,9 +37,9 @@ def capture_thickness(
 ) -> ReferenceCapture:
     """Measure the thickness at well-chosen places of the scan with a caliper."""
     detection = require_result(session.results.detection, "map the boundaries (step 9)").value
-    poses = require_result(probe_poses_of(session), "scan (step 8)")
+    poses = required(POSES, session)
     places = entry_points(session, detection)
-    known = usable_speed(session) if activity.append else None
+    known = KNOWN_SPEED.read(session) if activity.append else None
     rows = propose_references(places, detection, activity.n, known).scans
     ordinal = begin(session, context)
     axes = poses.rotations[rows][:, :, 2]
@@ -183,7 +183,7 @@ STEP = declare.Step(
             messages.StartCaliperMeasurements,
             record("references", capture_thickness, messages.CalibrateSoundSpeed),
             "Measuring with a caliper",
-            needs=(SCAN_CAPTURE, DETECTION),
+            needs=(SCAN, DETECTION),
             records=True,
             shown_in="maps",
         ),
@@ -226,7 +226,7 @@ STEP = declare.Step(
             {
                 "references": REFERENCES,
                 "detection": DETECTION,
-                "capture": SCAN_CAPTURE,
+                "capture": SCAN,
                 "robot": MODEL,
             },
             "calibrate the speed (step 9)",

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rona_core.app.dependencies.staleness import made_of, stale_reason
-from rona_core.app.steps.scan.probe_poses import probe_poses_of
+from rona_core.app.steps.scan.inputs import POSES
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.arrays import Floats, Ints
 from rona_core.geometry.pose import Poses
@@ -103,7 +103,7 @@ def reference_gain(session: Session, n: int = LEAST_POINTS) -> ReferenceGain | N
     The points there are stay. None before step 9, where its detection is stale, or where no n
     places are thick and sure enough.
     """
-    shares, poses = thickness_shares(session), probe_poses_of(session)
+    shares, poses = thickness_shares(session), POSES.read(session)
     detection = session.results.detection
     if shares is None or poses is None or detection is None:
         return None

@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rona_core.app.dependencies.inputs import required
 from rona_core.app.steps.acoustics.thickness_uncertainty import speed_of_maps
 from rona_core.app.steps.boundaries.handlers import detection_of_scan, scans_of
 from rona_core.app.steps.handheld.derivation import hand_poses
-from rona_core.app.steps.maps.derivation import probe_poses
 from rona_core.app.steps.maps.further_passes import joined_poses
+from rona_core.app.steps.scan.inputs import PLACES, POSES
 from rona_core.app.steps.scan.planned_motion import replayed
 from rona_core.devices.samples import AScan, AScanTrack
 from rona_core.devices.settings import ProbeSettings
@@ -93,8 +94,8 @@ def scan_poses(session: Session, scan: ScanName = "first") -> Poses | None:
     if captures.scan is None or not len(captures.scan.scans):
         return None
     if scan == "first":
-        return probe_poses(session)
-    return joined_poses(session, captures.second) if captures.second else None
+        return required(POSES, session)
+    return joined_poses(required(PLACES, session), captures.second) if captures.second else None
 
 
 def scan_number_at(session: Session, share: float, scan: ScanName = "first") -> int | None:

@@ -3,9 +3,9 @@
 from dataclasses import replace
 
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.dependencies.inputs import require_result
+from rona_core.app.dependencies.inputs import require_result, required
 from rona_core.app.dependencies.staleness import made_of
-from rona_core.app.steps.acoustics.derivation import robot_probe, session_probe
+from rona_core.app.steps.acoustics.inputs import HELD_PROBE, ROBOT_PROBE
 from rona_core.app.steps.boundaries.messages import ClearBoundaryCorrections, CorrectBoundary
 from rona_core.app.steps.handheld.derivation import NOT_SEEN, posed_scans, spread
 from rona_core.app.steps.maps.further_passes import Passes, joined_scans
@@ -43,7 +43,7 @@ def detection_of_scan(session: Session, scan: ScanName = "first") -> Detection |
         found = spread(derived.value, posed_scans(session, capture).known)
     if found is None:
         return None  # of other A-scans: the delay of the tracker is another one now
-    probe = session_probe(session) if scan == "hand" else robot_probe(session)
+    probe = required(HELD_PROBE, session) if scan == "hand" else required(ROBOT_PROBE, session)
     return corrected(found, session.boundary_edits, scan, probe)
 
 

@@ -5,8 +5,9 @@ from dataclasses import fields, replace
 import numpy as np
 
 from rona_core.app.dependencies.base_reference import reference_of
-from rona_core.app.dependencies.inputs import require_result
-from rona_core.app.steps.acoustics.derivation import session_probe, with_known_speed
+from rona_core.app.dependencies.inputs import require_result, required
+from rona_core.app.steps.acoustics.derivation import with_known_speed
+from rona_core.app.steps.acoustics.inputs import HELD_PROBE, KNOWN_SPEED
 from rona_core.app.steps.handheld.messages import CalibrateHandheldProbe, StartHandheldMapping
 from rona_core.app.steps.maps.derivation import Survey, detect_survey
 from rona_core.calibration.hand_eye.base_marker import MIN_FRAMES, mean_base
@@ -164,8 +165,10 @@ def derive_sono_detection(
             "and turn them towards the tracker"
         )
     Ts_tracker_probe: Poses = posed.Ts_tracker_marker @ calibration.T_sonomarker_probe
-    survey = Survey(_chosen(capture.scans, known), Ts_tracker_probe, session_probe(session))
-    return detect_survey(session, survey, message, progress=progress, cancel=cancel)
+    excitation = session.setup.devices.probe.excitation
+    scans, probe = _chosen(capture.scans, known), required(HELD_PROBE, session)
+    survey = Survey(scans, Ts_tracker_probe, probe, excitation)
+    return detect_survey(survey, message, progress=progress, cancel=cancel)
 
 
 def derive_sono_maps(
@@ -189,13 +192,13 @@ def derive_sono_maps(
     Ts_base_probe: Poses = T_base_tracker @ posed.Ts_tracker_marker @ calibration.T_sonomarker_probe
     if frame == "base":
         wanted = message.sound_speed_mm_per_us
-        detection = with_known_speed(detection, Ts_base_probe, session, wanted)
+        detection = with_known_speed(detection, Ts_base_probe, KNOWN_SPEED.read(session), wanted)
     cloud = session.results.surface if frame == "base" else None
     maps = build_maps(
         LocatedDetection(detection, Ts_base_probe),
         None if cloud is None else cloud.value.points_base,
         cell_mm=message.cell_mm,
-        probe=session_probe(session),
+        probe=required(HELD_PROBE, session),
         progress=progress,
         cancel=cancel,
     )
@@ -214,7 +217,7 @@ def _with_hand(session: Session, detection: Detection, known: Bools) -> Detectio
     whole = spread(detection, known)
     if whole is None or not len(session.boundary_edits.of("hand")):
         return detection
-    probe = session_probe(session)
+    probe = required(HELD_PROBE, session)
     return gathered(corrected(whole, session.boundary_edits, "hand", probe), known)
 
 

@@ -13,7 +13,7 @@ from rona_core.app.dependencies.staleness import capture_setup_digest
 from rona_core.app.messages.message import StoreCapture
 from rona_core.app.runtime.handling import compute_result, compute_several, record
 from rona_core.app.runtime.recording import begin, capture_hand, part_of
-from rona_core.app.steps.acoustics.derivation import KNOWN_LINE, KNOWN_SPEED
+from rona_core.app.steps.acoustics.inputs import KNOWN_LINE, KNOWN_SPEED
 from rona_core.app.steps.handheld import messages
 from rona_core.app.steps.handheld.derivation import (
     derive_sono,

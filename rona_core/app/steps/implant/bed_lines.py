@@ -10,12 +10,13 @@ from rona_core.app.steps.implant.derivation import execution_error, milling_sett
 from rona_core.app.steps.implant.implant_bed import ImplantBed
 from rona_core.app.steps.implant.messages import StartBedLines
 from rona_core.app.steps.implant.view import WANTED
-from rona_core.app.steps.maps.accuracy.map_draws import MapDraws, draw_maps
+from rona_core.app.steps.maps.accuracy import drawn_maps
 from rona_core.app.steps.maps.messages import Row
 from rona_core.app.steps.path.painting import allowed_in_patch
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.errors import CancelledError, StepBlockedError
 from rona_core.geometry.arrays import Floats, readonly
+from rona_core.mapping.accuracy.map_draws import MapDraws
 from rona_core.planning.further_lines.best_lines import Hearing, best_lines
 from rona_core.planning.implants.catalogue import implant_named
 from rona_core.planning.milling.removal import planned_bed
@@ -50,7 +51,7 @@ def derive_bed_lines(
         CancelledError: somebody cancelled.
     """
     held: ImplantBed = require_result(session.results.get("bed"), WANTED).value
-    draws = draw_maps(session, DRAWS, same_robot=True, grooves=True)
+    draws = drawn_maps(session, DRAWS, same_robot=True, grooves=True)
     progress(0.5)
     if cancel():
         raise CancelledError("cancelled")

@@ -7,10 +7,10 @@ from rona_core.app.runtime.free_memory import release_memory
 from rona_core.app.steps.implant.burr.derivation import known_burr
 from rona_core.app.steps.implant.implant_bed import LACKS, ImplantBed, PlacedBed, TriedLift
 from rona_core.app.steps.implant.messages import Corners, PlaceBed, StartBedSearch
-from rona_core.app.steps.maps.accuracy.map_draws import draw_maps
-from rona_core.app.steps.maps.accuracy.probe_place import SEAT_MM, repeatability_mm
+from rona_core.app.steps.maps.accuracy import drawn_maps
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.errors import CancelledError, InvalidInputError
+from rona_core.mapping.accuracy.probe_place import SEAT_MM, repeatability_mm
 from rona_core.path.zones import Zone
 from rona_core.planning.implants.catalogue import implant_named
 from rona_core.planning.implants.implant import MOST_LIFT_MM, Implant
@@ -48,7 +48,7 @@ def mapped_bone(session: Session) -> MappedBone:
 
 
 def _drawn(session: Session) -> MappedBone:
-    draws = draw_maps(session, DRAWS, same_robot=True, grooves=True)
+    draws = drawn_maps(session, DRAWS, same_robot=True, grooves=True)
     return MappedBone(draws.maps, draws.outer_mm, draws.inner_mm)
 
 

@@ -2,14 +2,16 @@
 
 import numpy as np
 
-from rona_core.app.dependencies.inputs import require_result
-from rona_core.app.steps.acoustics.derivation import first_speed, robot_probe, usable_speed
+from rona_core.app.dependencies.inputs import require_result, required
+from rona_core.app.steps.acoustics.derivation import first_speed
+from rona_core.app.steps.acoustics.inputs import KNOWN_SPEED, ROBOT_PROBE
 from rona_core.app.steps.implant.derivation import execution_error, mapped_bone
 from rona_core.app.steps.implant.milling_derivation import plan_view, raised_view, robot_path_of
 from rona_core.app.steps.implant.milling_motion import require_certified
 from rona_core.app.steps.implant.milling_plan import MillingPlan
 from rona_core.app.steps.implant.view import MillingView, boundary_heights, milling_view
 from rona_core.app.steps.roll.derivation import plan_settings
+from rona_core.app.steps.roll.inputs import DRIVEN
 from rona_core.app.steps.roll.messages import StartRollSearch
 from rona_core.devices.protocols import Cancel, never
 from rona_core.devices.samples import AScanTrack
@@ -65,7 +67,7 @@ def task_along(
     )
     T_map_bed: Pose = bone.outer.T_base_map.inv() @ way.T_base_bed
     normal_map = T_map_bed.rotation[:, 2]
-    probe = robot_probe(session)
+    probe = required(ROBOT_PROBE, session)
 
     def mapped(places_bed: Floats) -> tuple[Floats, Floats]:
         drawn, found = residuals(problem, T_map_bed, T_map_bed @ places_bed)
@@ -181,7 +183,9 @@ class FloorScan:
         path = Path5D(T_base_bed @ line.points_bed, axes)
         asked = StartRollSearch(n_rolls=FLOOR_ROLLS, mode="constant")
         model = robot_model(session.setup.devices.robot.model)
-        self.plan = plan_scan(path, model, plan_settings(session, asked), cancel=self._cancel)
+        self.plan = plan_scan(
+            path, model, plan_settings(required(DRIVEN, session), asked), cancel=self._cancel
+        )
         motion = self.plan.trajectory
         if motion is None or not self.plan.may_move:
             return None
@@ -213,7 +217,7 @@ class FloorDetector:
         found = detect(
             ProbeSurvey(
                 track,
-                robot_probe(session),
+                required(ROBOT_PROBE, session),
                 session.setup.devices.probe.excitation,
                 positions_mm=places,
                 axes=np.tile(axis, (len(places), 1)),
@@ -221,7 +225,7 @@ class FloorDetector:
             sound_speed_mm_per_us=first_speed(None),
             bone_loss=first.bone_loss,
         )
-        known = usable_speed(session)
+        known = KNOWN_SPEED.read(session)
         speeds, sigmas = speed_at(uncalibrated() if known is None else known, places)
         found = at_speed(found, speeds)
         share = float(np.hypot(MIXED_SHARE, (sigmas / speeds).mean()))

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.steps.maps.accuracy.map_accuracy import map_accuracy
+from rona_core.app.steps.maps.accuracy import map_accuracy
 from rona_core.devices.files.triangle_file import MESH_SUFFIXES, read_triangles
 from rona_core.devices.files.voxels.voxel_reader import VOLUME_SUFFIXES
 from rona_core.errors import InvalidInputError, StaleResultError

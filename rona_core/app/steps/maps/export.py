@@ -9,9 +9,9 @@ from collections.abc import Callable
 from rona_core import __version__
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.steps.maps.accuracy.error_terms import CellSigma
-from rona_core.app.steps.maps.accuracy.map_accuracy import map_accuracy
+from rona_core.app.steps.maps.accuracy import map_accuracy
 from rona_core.errors import NotFoundError, StaleResultError
+from rona_core.mapping.accuracy.error_terms import CellSigma
 from rona_core.mapping.files.map_mesh import boundary_mesh, plate_mesh
 from rona_core.mapping.files.map_sheet import BOUNDARIES, MapSheet, SigmaOverGrid
 from rona_core.mapping.files.map_table import maps_csv, maps_schema

@@ -2,9 +2,8 @@
 
 from dataclasses import replace
 
-from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.steps.scan.probe_poses import probe_poses_of
+from rona_core.app.steps.scan.inputs import ProbePlaces
 from rona_core.devices.samples import AScanTrack
 from rona_core.geometry.pose import Poses
 from rona_core.session.captures import ScanCapture
@@ -44,21 +43,14 @@ def joined_scans(passes: Passes) -> AScanTrack:
     return AScanTrack.joined([one.scans for one in passes])
 
 
-def joined_poses(session: Session, passes: Passes) -> Poses:
+def joined_poses(places: ProbePlaces, passes: Passes) -> Poses:
     """Return the pose of the probe in ``base`` at each A-scan of at least one pass.
 
     Each pass has its own joint angles, clock and motion of the head.
     """
-    return _joined(tuple(require_result(probe_poses_of(session, one), "scan") for one in passes))
+    return _joined(tuple(places.poses(one) for one in passes))
 
 
 @remember(4)
 def _joined(parts: tuple[Poses, ...]) -> Poses:
     return Poses.joined(parts)
-
-
-def before_plan(session: Session) -> Session:
-    """Return the session with those further passes alone that its planned pass knew of."""
-    planned = require_result(session.results.second, "plan a further pass").value
-    kept = session.captures.second[: planned.n_before]
-    return replace(session, captures=replace(session.captures, second=kept))

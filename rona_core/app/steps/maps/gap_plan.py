@@ -3,26 +3,32 @@
 from dataclasses import replace
 
 from rona_core.app.declarations.declarations import Arguments
-from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.messages.serialization import message_from
-from rona_core.app.steps.maps.derivation import maps_so_far, probe_poses
-from rona_core.app.steps.maps.further_passes import before_plan, usable_second
-from rona_core.app.steps.maps.messages import StartGapPlan
+from rona_core.app.steps.maps.derivation import (
+    both_maps,
+    detect_again,
+    further_detection,
+    outer_maps,
+)
+from rona_core.app.steps.maps.inputs import GapInputs
+from rona_core.app.steps.maps.messages import StartGapPlan, StartMapping
 from rona_core.app.steps.path.painting import allowed_in_patch, require_none_avoided
 from rona_core.app.steps.roll.derivation import plan_settings
 from rona_core.app.steps.roll.messages import StartRollSearch
-from rona_core.app.steps.scan.probe_poses import probe_postures_of
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.errors import StepBlockedError
+from rona_core.mapping.boundary_map import Maps
+from rona_core.mapping.build_maps import LocatedDetection
 from rona_core.mapping.second_pass import SecondPassPath, plan_along, plan_second_pass
+from rona_core.path.painted_regions import PaintedRegions
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.plan_scan import plan_scan
 from rona_core.robot.redundancy.scan_postures import ScanPostures
-from rona_core.session.document import SecondPass, Session
+from rona_core.session.document import SecondPass
 
 
-def derive_second(
-    session: Session, message: StartGapPlan, *, progress: Progress, cancel: Cancel
+def plan_gaps(
+    known: GapInputs, message: StartGapPlan, *, progress: Progress, cancel: Cancel
 ) -> SecondPass:
     """Plan, time and verify a scan of the gaps that all passes so far left, or along given lines.
 
@@ -30,47 +36,62 @@ def derive_second(
         StepBlockedError: there is no gap worth a scan.
         InvalidInputError: a line leaves the outer map.
     """
-    maps = maps_so_far(session, progress=progress, cancel=cancel)
-    detection = require_result(session.results.detection, "detect the boundaries").value
-    speed = detection.sound_speed_mm_per_us
+    maps = maps_so_far(known, progress=progress, cancel=cancel)
+    speed, painted = known.first.found.sound_speed_mm_per_us, known.painted or PaintedRegions()
     if message.rows:
         way = plan_along(maps, message.rows, speed, message)
-        require_none_avoided(session.painted, way.path.points_base)
-        return plan_further_pass(session, way, progress=progress, cancel=cancel)
-    allowed = allowed_in_patch(session.painted, maps.outer.T_base_map)
-    way = plan_second_pass(maps, speed, message, allowed)
+        require_none_avoided(painted, way.path.points_base)
+        return plan_further_pass(known, way, progress=progress, cancel=cancel)
+    way = plan_second_pass(maps, speed, message, allowed_in_patch(painted, maps.outer.T_base_map))
     if way is None:
         raise StepBlockedError(
             "StartGapPlan is blocked: no gap is left in the inner map where it may be scanned"
         )
-    return plan_further_pass(session, way, progress=progress, cancel=cancel)
+    return plan_further_pass(known, way, progress=progress, cancel=cancel)
 
 
-def recompute_second(
-    session: Session, arguments: Arguments, progress: Progress, cancel: Cancel
+def plan_gaps_again(
+    known: GapInputs, arguments: Arguments, progress: Progress, cancel: Cancel
 ) -> SecondPass:
     """Plan again over the gaps that were left when the pass was planned."""
+    n = len(known.passes) if known.planned is None else known.planned.n_before
+    again = known.again if n == len(known.passes) else None
+    before = replace(known, passes=known.passes[:n], again=again)
     message = message_from(StartGapPlan.__name__, arguments)
-    return derive_second(before_plan(session), message, progress=progress, cancel=cancel)
+    return plan_gaps(before, message, progress=progress, cancel=cancel)
+
+
+def maps_so_far(known: GapInputs, *, progress: Progress, cancel: Cancel) -> Maps:
+    """Return the maps that a further pass is planned on: of all passes that were scanned.
+
+    They are at the speed of sound that the boundaries were detected with: plans do not wait for a
+    caliper.
+    """
+    first, asked, again = known.first, StartMapping(), known.again
+    if known.passes and again is None:
+        excitation = known.settings.excitation
+        again = detect_again(
+            first, known.passes, known.places, excitation, asked, progress=progress, cancel=cancel
+        )
+    further = further_detection(first, known.passes, known.places, again, known.edits)
+    outer = outer_maps(first, asked.cell_mm)
+    return both_maps(outer, LocatedDetection(first.detection, first.poses), further)
 
 
 def plan_further_pass(
-    session: Session, way: SecondPassPath, *, progress: Progress, cancel: Cancel
+    known: GapInputs, way: SecondPassPath, *, progress: Progress, cancel: Cancel
 ) -> SecondPass:
     """Return a pass along a way, timed and verified for the robot.
 
     In the posture of the scan where there is a way: in another one the links of the robot err
     otherwise, so that what the passes find would not fit together.
     """
-    settings, scanned = plan_settings(session, StartRollSearch()), probe_postures_of(session)
-    if scanned is not None:
-        faces_base = probe_poses(session).translations
-        settings = replace(settings, preferred=ScanPostures(faces_base, scanned.qs_rad))
+    scanned = ScanPostures(known.first.poses.translations, known.places.postures(known.scan).qs_rad)
     plan = plan_scan(
         way.path,
-        robot_model(session.setup.devices.robot.model),
-        settings,
+        robot_model(known.driven.robot),
+        replace(plan_settings(known.driven, StartRollSearch()), preferred=scanned),
         progress=progress,
         cancel=cancel,
     )
-    return SecondPass(way, plan, len(usable_second(session)))
+    return SecondPass(way, plan, len(known.passes))

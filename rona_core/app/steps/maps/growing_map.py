@@ -8,9 +8,10 @@ from typing import Literal
 
 import numpy as np
 
-from rona_core.app.steps.acoustics.derivation import robot_probe
+from rona_core.app.dependencies.inputs import required
+from rona_core.app.steps.acoustics.inputs import ROBOT_PROBE
+from rona_core.app.steps.scan.inputs import KNOWN_MOUNTING
 from rona_core.app.steps.scan.planned_motion import plan_of
-from rona_core.app.steps.scan.probe_mounting import known_mounting
 from rona_core.devices.live import RecordedSoFar
 from rona_core.devices.samples import AScanTrack, JointTrack
 from rona_core.devices.settings import Excitation
@@ -56,9 +57,9 @@ class MapGrower:
             raise DegenerateGeometryError("there is no planned path to lay a map along")
         devices, motion = session.setup.devices, plan.trajectory
         self._ordinal = ordinal
-        self._model, self._probe = robot_model(devices.robot.model), robot_probe(session)
+        self._model, self._probe = robot_model(devices.robot.model), required(ROBOT_PROBE, session)
         self._excitation: Excitation = devices.probe.excitation
-        mounting = known_mounting(session)
+        mounting = KNOWN_MOUNTING.read(session)
         beyond = Pose.from_translation((0.0, 0.0, 0.0 if mounting is None else mounting.offset_mm))
         self._T_flange_probe = self._model.T_flange_probe @ beyond
         inside = (motion.times_s >= motion.scan_start_s) & (motion.times_s <= motion.scan_end_s)

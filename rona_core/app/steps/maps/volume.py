@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.app.dependencies.inputs import require_result
+from rona_core.app.dependencies.inputs import require_result, required
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.steps.acoustics.derivation import robot_probe
-from rona_core.app.steps.maps.derivation import probe_poses
+from rona_core.app.steps.acoustics.inputs import ROBOT_PROBE
 from rona_core.app.steps.maps.further_passes import joined_poses, joined_scans
+from rona_core.app.steps.scan.inputs import PLACES, POSES
 from rona_core.devices.samples import AScanTrack
 from rona_core.devices.settings import Excitation
 from rona_core.errors import StaleResultError
@@ -46,7 +46,7 @@ def echo_volume(session: Session, settings: VolumeSettings | None = None) -> Ech
         InvalidInputError: the grid would have too many voxels.
     """
     lines, maps = scan_lines(session), _maps(session)
-    return _volume(lines, maps, robot_probe(session), settings or VolumeSettings())
+    return _volume(lines, maps, required(ROBOT_PROBE, session), settings or VolumeSettings())
 
 
 def volume_agreement(session: Session) -> RidgeAgreement | None:
@@ -127,7 +127,7 @@ def scan_lines(session: Session) -> ScanLines:
             f"{sum(len(one.found) for one in passes)}: map the boundaries again"
         )
     parts = tuple(part for one in passes for part in (one.scans, one.detected, one.poses))
-    probe, excitation = robot_probe(session), session.setup.devices.probe.excitation
+    probe, excitation = required(ROBOT_PROBE, session), session.setup.devices.probe.excitation
 
     def build() -> ScanLines:
         return _lines(passes, maps, probe, excitation)
@@ -154,14 +154,17 @@ def _passes(session: Session) -> tuple[_Pass, ...]:
         name: ScanName, scans: AScanTrack, derived: Derived[Detection] | None, poses: Poses
     ) -> None:
         if derived is not None:
-            edits, probe = session.boundary_edits, robot_probe(session)
+            edits, probe = session.boundary_edits, required(ROBOT_PROBE, session)
             edited = corrected(derived.value, edits, name, probe)
             found.append(_Pass(scans, derived.value, edited, poses))
 
     if captures.scan is not None:
-        add("first", captures.scan.scans, results.detection, probe_poses(session))
+        add("first", captures.scan.scans, results.detection, required(POSES, session))
     if captures.second:
-        scans, poses = joined_scans(captures.second), joined_poses(session, captures.second)
+        scans, poses = (
+            joined_scans(captures.second),
+            joined_poses(required(PLACES, session), captures.second),
+        )
         add("second", scans, results.second_detection, poses)
     return tuple(found)
 

@@ -6,6 +6,7 @@ from typing import Literal
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.roll.derivation import plan_settings
+from rona_core.app.steps.roll.inputs import PlacementInputs
 from rona_core.app.steps.roll.messages import StartBasePlacement, StartRollSearch
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.devices.settings import RobotSettings
@@ -25,14 +26,12 @@ Which = Literal["best", "smallest"]
 STILL_MM, STILL_DEG = 0.5, 0.05  # a base that moves by less stays where it is
 
 
-def derive_placement(
-    session: Session, message: StartBasePlacement, *, progress: Progress, cancel: Cancel
+def find_places(
+    known: PlacementInputs, message: StartBasePlacement, *, progress: Progress, cancel: Cancel
 ) -> BasePlacement:
     """Search places of the base; what is suggested is planned and certified among everything."""
-    smooth = require_result(session.results.smoothing, "smooth the path").value
-    robot = session.setup.devices.robot
-    model = robot_model(robot.model)
-    settings = plan_settings(session, StartRollSearch())
+    model = robot_model(known.driven.robot)
+    settings = plan_settings(known.driven, StartRollSearch())
     around = settings.obstacles
 
     def planner(path: Path5D, old_in_new: Pose) -> RobotPlan:
@@ -40,9 +39,9 @@ def derive_placement(
         return plan_scan(path, model, replace(settings, obstacles=seen), cancel=cancel)
 
     return place_base(
-        smooth.path,
+        known.smooth.path,
         model,
-        robot,
+        known.robot,
         search=message.search(),
         planner=planner,
         progress=progress,

@@ -1,28 +1,29 @@
 """Roll: motion planning over the free angle about the probe, and placement of the base."""
 
 from rona_core.app.declarations import declarations as declare
-from rona_core.app.declarations.declarations import Arguments
-from rona_core.app.dependencies.inputs import require_result, result_input
+from rona_core.app.dependencies.inputs import require_result, required, result_input
 from rona_core.app.dependencies.requirements import require_inputs
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.messages.message import values_of
-from rona_core.app.messages.serialization import message_from
 from rona_core.app.runtime.handling import compute
 from rona_core.app.steps.roll import messages
-from rona_core.app.steps.roll.base_placement import derive_placement, require_move
-from rona_core.app.steps.roll.derivation import derive_chosen_roll, derive_roll
+from rona_core.app.steps.roll.base_placement import find_places, require_move
+from rona_core.app.steps.roll.derivation import (
+    plan_chosen_roll,
+    plan_motion,
+    plan_motion_again,
+)
+from rona_core.app.steps.roll.inputs import DRIVEN, SMOOTHING
 from rona_core.app.steps.roll.plan_reasons import plan_reason, roll_summary
-from rona_core.app.steps.setup.inputs import BASE, DRIVEN
 from rona_core.app.steps.setup.messages import SetRobot
 from rona_core.app.steps.setup.step import set_robot
 from rona_core.app.steps.tool.messages import StartRobotMove
 from rona_core.app.steps.tool.robot_motion import move_robot, require_joint_limits
-from rona_core.devices.protocols import Cancel, Progress
 from rona_core.errors import StaleResultError
 from rona_core.robot.planning.plan import RobotPlan
 from rona_core.session.document import Derived, Session
 
-SMOOTHING, ROLL, PLACEMENT = (result_input(name) for name in ("smoothing", "roll", "placement"))
+ROLL, PLACEMENT = result_input("roll"), result_input("placement")
 
 
 def apply_base_placement(message: messages.ApplyBasePlacement, session: Session) -> Session:
@@ -39,23 +40,11 @@ def choose_roll(message: messages.ChooseRoll, session: Session) -> Session:
     """Carry out `ChooseRoll`."""
     require_inputs(type(message), session)
     searched: Derived[RobotPlan] = require_result(session.results.roll, "plan the motion (step 7)")
-    plan = derive_chosen_roll(session, searched.value, message.index, message.branch)
+    driven = required(DRIVEN, session)
+    plan = plan_chosen_roll(driven, searched.value, message.index, message.branch)
     arguments = {**searched.arguments, "chosen": message.index, "branch": message.branch}
     made = Derived(plan, searched.message, arguments, searched.inputs)
     return session.with_result("roll", made)
-
-
-def recompute_roll(
-    session: Session, arguments: Arguments, progress: Progress, cancel: Cancel
-) -> RobotPlan:
-    """Search again, and take again the roll that somebody chose after the search."""
-    asked = dict(arguments)
-    chosen, branch = asked.pop("chosen", None), asked.pop("branch", None)
-    message = message_from(messages.StartRollSearch.__name__, asked)
-    plan = derive_roll(session, message, progress=progress, cancel=cancel)
-    if not isinstance(chosen, int):
-        return plan
-    return derive_chosen_roll(session, plan, chosen, branch if isinstance(branch, int) else None)
 
 
 STEP = declare.Step(
@@ -85,19 +74,17 @@ STEP = declare.Step(
         ),
     ),
     results=(
-        declare.Result(
+        declare.Result.of(
             "roll",
             messages.StartRollSearch,
-            derive_roll,
-            {"smoothing": SMOOTHING, **DRIVEN},
+            plan_motion,
             "plan the motion (step 7)",
-            recompute=recompute_roll,
+            recompute=plan_motion_again,
         ),
-        declare.Result(
+        declare.Result.of(
             "placement",
             messages.StartBasePlacement,
-            derive_placement,
-            {"smoothing": SMOOTHING, "base": BASE, **DRIVEN},
+            find_places,
             "look for a place of the base (step 7)",
         ),
     ),

@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from rona_core.app.steps.scan.probe_poses import pose_delay
+from rona_core.app.steps.scan.inputs import DELAY
 from rona_core.devices.wrench import (
     CONTACT,
     LOST,
@@ -59,7 +59,7 @@ def contact_report(session: Session) -> ContactReport | None:
 
 def delay_share(session: Session) -> DelayShare | None:
     """Return the delay of the poses and its share in the error along the path."""
-    delay = pose_delay(session)
+    delay = DELAY.read(session)
     if delay is None:
         return None
     speed = session.setup.devices.robot.scan_speed_mm_per_s

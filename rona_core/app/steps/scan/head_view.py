@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 
 from rona_core.app.dependencies.head_reference import HeadWatch, watch_head
-from rona_core.app.steps.scan.probe_poses import probe_poses_of
+from rona_core.app.steps.scan.inputs import POSES
 from rona_core.geometry.arrays import Vector3
 from rona_core.session.document import Session
 
@@ -108,5 +108,5 @@ def _axes(vector: Vector3) -> Axes:
 
 def _middle(session: Session) -> Vector3 | None:
     """Return the middle (3,) of the scanned places in ``base``."""
-    poses = probe_poses_of(session)
+    poses = POSES.read(session)
     return poses.translations.mean(axis=0) if poses is not None and len(poses) else None

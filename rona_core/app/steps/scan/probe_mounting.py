@@ -5,9 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rona_core.app.declarations.declarations import ActivityContext
-from rona_core.app.declarations.inputs import Input
 from rona_core.app.dependencies.inputs import capture_input, require_result
-from rona_core.app.dependencies.judged import Judged, usable
+from rona_core.app.dependencies.judged import Judged
 from rona_core.app.dependencies.staleness import capture_setup_digest, stale_reason
 from rona_core.app.runtime.handling import compute_result
 from rona_core.app.runtime.recording import begin
@@ -75,14 +74,6 @@ def calibrate_probe_mounting(message: CalibrateProbeMounting, session: Session) 
     if message.use:
         return compute_result(message, session)
     return session.with_result("mounting", None)
-
-
-def known_mounting(session: Session) -> ProbeMounting | None:
-    """Return the mounting of the robot's probe, unless it is stale or bad."""
-    return usable("mounting", session.results.get("mounting"), session)
-
-
-KNOWN_MOUNTING = Input(known_mounting, "calibrate the mounting (step 8)", optional=True)
 
 
 def mounting_view(session: Session) -> Judged | None:

@@ -15,16 +15,18 @@ RADIUS = Input(lambda s: s.setup.region.radius_mm, "choose a region (step 1)")
 MODEL = Input(lambda s: s.setup.devices.robot.model, "choose a robot (step 1)")
 SCAN_SPEED = Input(lambda s: s.setup.devices.robot.scan_speed_mm_per_s, "choose a speed (step 1)")
 BASE = Input(
-    lambda s: (s.setup.devices.robot.base_shift_mm, s.setup.devices.robot.base_turn_deg),
+    lambda s: s.setup.devices.robot,
     "choose where the base stands (step 1)",
+    counts=lambda s: (s.setup.devices.robot.base_shift_mm, s.setup.devices.robot.base_turn_deg),
 )
 # by their digest, which is the same whatever processor computed them
 OBSTACLES = Input(
-    lambda s: session_obstacles(s).digest(),
+    session_obstacles,
     "say what stands around the robot (step 1)",
-    earlier=lambda s: session_obstacles(s),
+    earlier=session_obstacles,
+    counts=lambda s: session_obstacles(s).digest(),
 )
-DRIVEN = {"robot": MODEL, "scan speed": SCAN_SPEED, "obstacles": OBSTACLES}  # what plans rest on
+TRACKER_PROFILE = Input(lambda s: s.setup.devices.tracker.profile, "choose a tracker (step 1)")
 CHOOSE_REFERENCE = "choose the reference (step 1)"
 PROBE = Input(lambda s: s.setup.devices.probe, "choose a probe (step 1)")
 HAND_PROBE = Input(  # in the hand it fires by the clock, not by the way

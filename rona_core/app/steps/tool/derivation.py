@@ -21,13 +21,12 @@ from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.geometry.pose import Poses
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.robot.kinematics.link_errors import link_errors
+from rona_core.robot.kinematics.link_errors import ROBOT_ACCURACY_MM, link_errors
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.session.captures import ToolCapture
 from rona_core.session.document import Session
 from rona_core.session.memo import remember
 
-ROBOT_ACCURACY_MM = 0.35  # 3D RMS, as the paper states for its arm
 TOLD_SIGMAS = 3.0  # a delay smaller than this cannot be told from none, and is not corrected
 SETTLE_S = 0.1  # after the robot has stopped, before frames count
 

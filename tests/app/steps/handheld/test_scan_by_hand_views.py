@@ -25,8 +25,7 @@ from rona_core.app.steps.handheld.messages import (
     StartHandheldMapping,
     StartHandheldScan,
 )
-from rona_core.app.steps.maps.accuracy.map_accuracy import map_accuracy
-from rona_core.app.steps.maps.accuracy.map_terms import map_terms
+from rona_core.app.steps.maps.accuracy import HAND_TERMS, map_accuracy
 from rona_core.compose import new_workbench
 from rona_core.devices.tracker_volumes import ACCURACY_MM
 from rona_core.errors import InvalidInputError, StepBlockedError
@@ -130,7 +129,7 @@ def test_the_maps_by_hand_are_as_sure_as_tracker_and_face(session):
 
 
 def test_how_a_hand_tilts_the_probe_makes_no_bone_rough(session):
-    rough = map_terms(session, hand=True).rough.own_mm
+    rough = HAND_TERMS.read(session).rough.own_mm
     assert np.ptp(session.results.sono_detection.value.outer_quality) > 0.1
     assert np.ptp(rough) < 1e-9
     assert rough.min() > 0.0

@@ -11,7 +11,6 @@ from rona_core.app.dependencies.judged import usable
 from rona_core.app.steps.implant.burr.messages import RegisterBurr
 from rona_core.app.steps.implant.burr.registration import BurrRegistration
 from rona_core.app.steps.tool.derivation import (
-    ROBOT_ACCURACY_MM,
     excluded_mask,
     tool_dwells,
     worse_half,
@@ -27,7 +26,7 @@ from rona_core.errors import RonaError
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.geometry.pose import Poses
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.robot.kinematics.link_errors import link_errors
+from rona_core.robot.kinematics.link_errors import ROBOT_ACCURACY_MM, link_errors
 from rona_core.session.captures import ToolCapture
 from rona_core.session.document import Session
 

@@ -5,7 +5,12 @@ import numpy as np
 from rona_core.app.dependencies.judged import Judged
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.implant.burr.registration import BurrRegistration
+from rona_core.mapping.accuracy.probe_place import SEAT_MM
 from rona_core.session.document import Session
+
+UNKNOWN = (
+    f"Not registered: the burr may be off by {SEAT_MM:g} mm along each axis, so fewer beds fit."
+)
 
 
 def burr_view(session: Session) -> Judged | None:

@@ -9,7 +9,6 @@ from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.steps.pointer.touched_places import Evidence, repeating_errors
 from rona_core.app.steps.scan.landmarks.capture import LandmarkCapture
 from rona_core.app.steps.scan.landmarks.messages import OverrideLandmarks, VerifyLandmarks
-from rona_core.app.steps.tool.derivation import ROBOT_ACCURACY_MM
 from rona_core.calibration.error_propagation import pose_covariance
 from rona_core.calibration.hand_eye.robot_accuracy import score_of_links
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
@@ -22,7 +21,7 @@ from rona_core.geometry.arrays import Floats, Ints, readonly
 from rona_core.geometry.pose import Poses
 from rona_core.geometry.pose_covariance import point_jacobians
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.robot.kinematics.link_errors import link_errors
+from rona_core.robot.kinematics.link_errors import ROBOT_ACCURACY_MM, link_errors
 from rona_core.session.document import Session
 
 SEAT_MM = 0.1  # 3D RMS of a tip in a divot: of the robot's tip, and of the pointer's

@@ -10,18 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.random import Generator
 
-from rona_core.app.dependencies.inputs import require_result
-from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.steps.maps.accuracy.error_terms import ErrorTerm, hidden_depths
-from rona_core.app.steps.maps.accuracy.map_terms import POINTS, map_terms
-from rona_core.errors import InvalidInputError, StaleResultError
 from rona_core.geometry.arrays import Bools, Floats, readonly
+from rona_core.mapping.accuracy.error_terms import ErrorTerm, hidden_depths
+from rona_core.mapping.accuracy.map_terms import POINTS, MapTerms
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.mapping.build_maps import LEAST_THICKNESS_MM
 from rona_core.mapping.fitting.gaussian_field import field_root, stratified_normals
-from rona_core.session.document import Session
 
-MOST_DRAWS = 1000
 AT_ONCE = 16  # draws that are worked on together: all of them take much memory
 LEAST_CELLS = 12  # of a map that has a mean to speak of
 LEAST_LEFT = 0.01  # of the variance of a field, where its mean over the map is taken off
@@ -38,35 +33,26 @@ class MapDraws:
 
 
 def draw_maps(
-    session: Session,
+    maps: Maps,
+    terms: MapTerms,
     count: int,
     seed: int = 0,
     *,
     same_robot: bool = False,
     grooves: bool = False,
 ) -> MapDraws:
-    """Return the robot's maps as they may be.
+    """Return maps as they may be.
 
     Args:
-        session: With its maps.
+        maps: As they were made.
+        terms: Their causes of error.
         count: How many.
         seed: Of the draws; the same gives the same.
         same_robot: The robot that scanned uses the map: what its links err by drops out.
         grooves: What hides where nothing was heard always takes bone away, for who plans to mill.
             Else it is grooves in half of the draws and crests in the others: which of them a bone
             has is not known.
-
-    Raises:
-        InvalidInputError: no draws, or too many.
-        StepBlockedError: nothing was mapped.
-        StaleResultError: the maps are out of date.
     """
-    if not 1 <= count <= MOST_DRAWS:
-        raise InvalidInputError(f"{count} draws were asked for: 1 to {MOST_DRAWS} can be made")
-    maps: Maps = require_result(session.results.maps, "map the boundaries (step 9)").value
-    terms, reason = map_terms(session), stale_reason("maps", session)
-    if terms is None or reason is not None:
-        raise StaleResultError(f"the maps are stale: {reason or 'they are of other A-scans'}")
     generator = np.random.default_rng(seed)
     of_place = [term for term in terms.place if not (same_robot and term.of_robot)]
     place = _drawn(maps.outer, of_place, count, generator)

@@ -2,8 +2,7 @@
 
 The time of flight of the nearest A-scans, how sure the surface through them is between them, the
 speed of sound, and where the probe was. What a cause does to all cells alike stands apart from what
-each cell has for itself. Nothing of it is stored: it follows from what a session holds, so that
-maps of older files are as honest as new ones. See docs/algorithms/maps/boundary_maps.md.
+each cell has for itself. See docs/algorithms/maps/boundary_maps.md.
 """
 
 from collections.abc import Sequence
@@ -12,9 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
-from rona_core.app.dependencies.staleness import made_of
-from rona_core.app.steps.acoustics.thickness_uncertainty import speed_of_maps
-from rona_core.app.steps.maps.accuracy.echo_terms import (
+from rona_core.devices.settings import ProbeSettings
+from rona_core.geometry.arrays import Floats
+from rona_core.geometry.surface.cloud import SurfaceCloud
+from rona_core.mapping.accuracy.echo_terms import (
     INTERPOLATION,
     ROWS,
     cells_map,
@@ -24,16 +24,8 @@ from rona_core.app.steps.maps.accuracy.echo_terms import (
     sampling_terms,
     unheard_term,
 )
-from rona_core.app.steps.maps.accuracy.error_terms import ErrorTerm
-from rona_core.app.steps.maps.accuracy.probe_place import (
-    ProbePlace,
-    cloud_prior,
-    hand_place,
-    robot_place,
-)
-from rona_core.devices.settings import ProbeSettings
-from rona_core.geometry.arrays import Floats
-from rona_core.geometry.surface.cloud import SurfaceCloud
+from rona_core.mapping.accuracy.error_terms import ErrorTerm
+from rona_core.mapping.accuracy.probe_place import ProbePlace
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.mapping.cloud_fusion import PATCH_MM, CloudPrior, FusedCloud, fuse_cloud
 from rona_core.mapping.fitting.plate_field import (
@@ -42,8 +34,6 @@ from rona_core.mapping.fitting.plate_field import (
     plate_through,
 )
 from rona_core.mapping.map_grid import NEAR_MM
-from rona_core.session.document import Session
-from rona_core.session.memo import remember
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
     SpeedCalibration,
     uncalibrated,
@@ -91,8 +81,8 @@ class MapTerms:
 
 
 @dataclass(frozen=True, slots=True)
-class _Samples:
-    """What was detected, and what may have been set by hand."""
+class MapSamples:
+    """Boundaries as detected pass by pass, and those set by hand."""
 
     detections: tuple[Detection, ...]
     scans: tuple[ScanName, ...]
@@ -117,57 +107,27 @@ class _Samples:
         return tuple(corrected(found, self.edits, scan, probe) for found, scan in pairs)
 
 
-def map_terms(session: Session, *, hand: bool = False) -> MapTerms | None:
-    """Return what the maps err by; None before there are any, or of other A-scans than these.
-
-    Args:
-        session: With its maps.
-        hand: Those of the scan by hand, in place of the robot's.
-    """
-    results, devices = session.results, session.setup.devices
-    if hand:
-        if results.sono_maps is None or results.sono_detection is None:
-            return None
-        # boundaries set by hand are few, and are numbered by A-scans that the tracker may not see
-        samples = _Samples(
-            (results.sono_detection.value,), ("hand",), BoundaryEdits(), devices.probe
-        )
-        maps, place = results.sono_maps.value.maps, hand_place(session)
-    else:
-        if results.maps is None or results.detection is None:
-            return None
-        passes = (results.detection, results.second_detection)
-        found = tuple(derived.value for derived in passes if derived is not None)
-        samples = _Samples(
-            found, ("first", "second")[: len(found)], session.boundary_edits, devices.probe
-        )
-        maps = results.maps.value
-        place = robot_place(session)
-    if len(samples) != len(maps.inner_used):
-        return None
-    cloud = None if hand else _cloud_of(session)
-    return _terms(maps, samples, speed_of_maps(session, hand=hand), place, cloud)
+Cloud = tuple[SurfaceCloud, CloudPrior]
 
 
-_Cloud = tuple[SurfaceCloud, CloudPrior]
-
-
-def _cloud_of(session: Session) -> _Cloud | None:
-    """Return the cloud that the maps were fused with; None where the session has another one."""
-    maps, surface = session.results.maps, session.results.surface
-    if surface is None or not made_of(maps, "surface", surface.value):
-        return None
-    return surface.value, cloud_prior(session)
-
-
-@remember(2)  # maps never change, and every browser asks
-def _terms(
+def map_terms(
     maps: Maps,
-    samples: _Samples,
+    samples: MapSamples,
     known: SpeedCalibration | None,
     place: ProbePlace,
-    cloud: _Cloud | None,
-) -> MapTerms:
+    cloud: Cloud | None,
+) -> MapTerms | None:
+    """Return what the maps err by; None where the samples are not those of the maps.
+
+    Args:
+        maps: Of both boundaries.
+        samples: That they were made of.
+        known: The speed of sound that they were made at; None: the published one.
+        place: Of the probe.
+        cloud: That they were fused with, and how far off it may be as a whole.
+    """
+    if len(samples) != len(maps.inner_used):
+        return None
     found = samples.corrected()
     n, T_map_base = len(found[0]), maps.outer.T_base_map.inv()
     outer_map = T_map_base @ maps.outer_points_base[maps.outer_used]
@@ -205,7 +165,7 @@ def _terms(
 
 
 def _fused_terms(
-    maps: Maps, outer: Sequence[ErrorTerm], plate: PlateField, cloud: _Cloud | None
+    maps: Maps, outer: Sequence[ErrorTerm], plate: PlateField, cloud: Cloud | None
 ) -> tuple[ErrorTerm, ...]:
     """Return the terms of the fused boundary, given those of the ultrasound's.
 
@@ -231,7 +191,7 @@ def _fused_terms(
     return (*kept, between, touched)
 
 
-def _joined(maps: Maps, plate: PlateField, cloud: _Cloud | None) -> FusedCloud | None:
+def _joined(maps: Maps, plate: PlateField, cloud: Cloud | None) -> FusedCloud | None:
     """Return what ultrasound and cloud make together; None without a cloud."""
     if cloud is None:
         return None
@@ -250,7 +210,7 @@ def _heights_at(boundary: BoundaryMap, points_map: Floats) -> Floats:
     return np.asarray(chart.ev(points_map[:, 0], points_map[:, 1]), dtype=np.float64)
 
 
-def _unknown_cloud(maps: Maps, cloud: _Cloud | None) -> ErrorTerm:
+def _unknown_cloud(maps: Maps, cloud: Cloud | None) -> ErrorTerm:
     """Return what a cloud that is not there any more adds where it alone tells of the boundary.
 
     How far it lay from the map it was laid on.

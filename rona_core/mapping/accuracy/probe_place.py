@@ -5,25 +5,21 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import KDTree
 
-from rona_core.app.dependencies.head_reference import HeadWatch, watch_head
-from rona_core.app.steps.acoustics.derivation import usable_line
-from rona_core.app.steps.maps.accuracy.error_terms import ErrorTerm
-from rona_core.app.steps.scan.probe_mounting import known_mounting
-from rona_core.app.steps.scan.probe_poses import ProbePostures, probe_postures_of
-from rona_core.app.steps.tool.derivation import ROBOT_ACCURACY_MM
+from rona_core.calibration.hand_eye.head_motion import HeadMotion
 from rona_core.calibration.timing.robot_latency import BREATH_MM
+from rona_core.devices.settings import TrackerProfile
 from rona_core.devices.tracker_volumes import ACCURACY_MM
 from rona_core.geometry.arrays import Bools, Floats, Ints
+from rona_core.mapping.accuracy.error_terms import ErrorTerm
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.mapping.cloud_fusion import CloudPrior
+from rona_core.mapping.probe_poses import ProbePostures
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.robot.kinematics.link_errors import alike, tip_sensitivities
-from rona_core.session.document import Session
-from rona_core.session.memo import remember
+from rona_core.robot.kinematics.link_errors import ROBOT_ACCURACY_MM, alike, tip_sensitivities
 from rona_core.ultrasound.acoustic_calibration.delay_line import NOMINAL_PER_K
 from rona_core.ultrasound.acoustic_calibration.probe_mounting import ProbeMounting
 from rona_core.ultrasound.probe.materials import GEL
-from rona_core.ultrasound.probe.probe_model import ProbeModel, probe_model
+from rona_core.ultrasound.probe.probe_model import ProbeModel
 
 # As makers state it: mean distance of repeated arrivals from their middle, and three deviations of
 # it (ISO 9283); 3.62 deviations along one axis where they scatter alike in all directions.
@@ -65,30 +61,15 @@ class ProbePlace:
         return _between_passes(self.model, self.qs_rad, self.further_rad, maps)
 
 
-def robot_place(session: Session) -> ProbePlace:
-    """Return what a session knows of where the robot held the probe."""
-    devices, line = session.setup.devices, usable_line(session)
-    sigma_us = None if line is None else line.at(devices.probe.line_temperature_c)[1]
-    return _robot_place(
-        devices.robot.model,
-        tuple(probe_postures_of(session, taken) for taken in (None, *session.captures.second)),
-        probe_model(devices.probe),
-        known_mounting(session),
-        sigma_us,
-        watch_head(session, session.captures.scan),
-    )
-
-
-@remember(4)  # every browser asks, and the place stands for the maps' accuracy
-def _robot_place(
+def robot_place(
     robot: str,
     postures: tuple[ProbePostures | None, ...],
     probe: ProbeModel,
     mounting: ProbeMounting | None,
     line_sigma_us: float | None,
-    watch: HeadWatch | None,
+    head: HeadMotion | None,
 ) -> ProbePlace:
-    """Return the place of a probe.
+    """Return the place of a probe that a robot carries.
 
     Args:
         robot: Its model.
@@ -96,7 +77,7 @@ def _robot_place(
         probe: As it is known.
         mounting: Found on the gauge plate.
         line_sigma_us: Of a line that was calibrated on the block.
-        watch: Of the head during the first pass.
+        head: Its motion during the first pass; None where it was not measured.
     """
     # a late echo of the face counts as a longer way through the gel
     mm_per_us = GEL.speed_mm_per_us / 2.0
@@ -116,7 +97,7 @@ def _robot_place(
     if mounting is not None:
         seat = ErrorTerm("mounting of the probe", shared_mm=mounting.sigma_mm)
     terms = (
-        _head(watch),
+        _head(head),
         ErrorTerm("repeatability of the robot", own_mm=repeatability_mm(robot)),
         ErrorTerm("coupling", shared_mm=COUPLING_MM),
         seat,
@@ -133,9 +114,8 @@ def repeatability_mm(robot: str) -> float:
     return stated_mm / REPEATABILITY_OVER_SIGMA
 
 
-def _head(watch: HeadWatch | None) -> ErrorTerm:
+def _head(motion: HeadMotion | None) -> ErrorTerm:
     """Return the term of the head: what the noise of its marker leaves, or what clamps allow."""
-    motion = None if watch is None else watch.motion
     if motion is None:
         remedy = "put a marker on the head"
         return ErrorTerm("head motion", BREATH_MM, CREEP_MM, remedy=remedy)
@@ -143,41 +123,40 @@ def _head(watch: HeadWatch | None) -> ErrorTerm:
     return ErrorTerm("head motion", BREATH_MM, known_mm)
 
 
-def cloud_prior(session: Session) -> CloudPrior:
-    """Return how far off the pointer's cloud may be as a whole, against maps by the robot."""
-    tool, pointer = session.results.tool, session.results.pointer
-    sigmas_mm = (  # 3D
-        ACCURACY_MM[session.setup.devices.tracker.profile],
-        ROBOT_ACCURACY_MM,
-        0.0 if tool is None else tool.value.registration_sigma_mm,
-        0.0 if pointer is None else pointer.value.tip_sigma_mm,
-    )
+def cloud_prior(tracker: TrackerProfile, registration_mm: float, tip_mm: float) -> CloudPrior:
+    """Return how far off the pointer's cloud may be as a whole, against maps by the robot.
+
+    Args:
+        tracker: Its model.
+        registration_mm: 3D standard deviation of the registration of the tracker.
+        tip_mm: The same of the tip of the pointer.
+    """
+    sigmas_mm = (ACCURACY_MM[tracker], ROBOT_ACCURACY_MM, registration_mm, tip_mm)  # 3D
     shift_mm = float(np.linalg.norm(sigmas_mm)) / 3.0**0.5
     return CloudPrior(shift_mm, shift_mm / TURN_ARM_MM)
 
 
-def hand_place(session: Session) -> ProbePlace:
-    """Return what a session knows of where a tracked probe in the hand was.
+def hand_place(
+    tracker: TrackerProfile, face_mm: float, registration_mm: float | None
+) -> ProbePlace:
+    """Return the place of a tracked probe in the hand.
 
     The tracker sees the marker of the probe and that on the robot base, both as well as its maker
     states. Where the maps are in ``base``, the registration of the robot takes the place of the
     second one.
+
+    Args:
+        tracker: Its model.
+        face_mm: 3D standard deviation of the calibrated face of the probe.
+        registration_mm: The same of the registration; None where the maps are not in ``base``.
     """
-    results = session.results
-    tracker_mm = ACCURACY_MM[session.setup.devices.tracker.profile]
-    parts = {"tracker": 2.0**0.5 * tracker_mm, "calibration of the probe": 0.0}
-    if results.sono is not None:
-        parts["calibration of the probe"] = results.sono.value.face_sigma_mm
-    if results.sono_maps is not None and results.sono_maps.value.frame == "base":
-        tool = results.tool
-        parts["tracker"] = tracker_mm
-        parts["registration"] = 0.0 if tool is None else tool.value.registration_sigma_mm
-    return _hand_place(tuple(parts.items()))
-
-
-@remember(4)
-def _hand_place(sigmas_mm: tuple[tuple[str, float], ...]) -> ProbePlace:
-    """Return the place that has these 3D standard deviations, by cause."""
+    tracker_mm = ACCURACY_MM[tracker]
+    sigmas_mm = [
+        ("tracker", 2.0**0.5 * tracker_mm if registration_mm is None else tracker_mm),
+        ("calibration of the probe", face_mm),
+    ]
+    if registration_mm is not None:
+        sigmas_mm.append(("registration", registration_mm))
     return ProbePlace(
         tuple(
             ErrorTerm(cause, shared_mm=sigma_mm / 3.0**0.5, of_robot=True)

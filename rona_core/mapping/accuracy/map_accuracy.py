@@ -4,12 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.app.steps.maps.accuracy.error_terms import CellSigma, summed
-from rona_core.app.steps.maps.accuracy.map_terms import SPEED, MapTerms, map_terms
 from rona_core.geometry.arrays import Bools, Floats
+from rona_core.mapping.accuracy.error_terms import CellSigma, summed
+from rona_core.mapping.accuracy.map_terms import SPEED, MapTerms
 from rona_core.mapping.boundary_map import Maps
-from rona_core.session.document import Session
-from rona_core.session.memo import remember
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,24 +44,8 @@ def accuracy_words(maps: Maps, accuracy: MapAccuracy) -> str:
     return f"{words}."
 
 
-def map_accuracy(session: Session, *, hand: bool = False) -> MapAccuracy | None:
-    """Return how sure the maps are; None before there are any, or of other A-scans than these.
-
-    Args:
-        session: With its maps.
-        hand: Those of the scan by hand, in place of the robot's.
-    """
-    terms = map_terms(session, hand=hand)
-    if terms is None:
-        return None
-    results = session.results
-    if hand:
-        return None if results.sono_maps is None else _summed(results.sono_maps.value.maps, terms)
-    return None if results.maps is None else _summed(results.maps.value, terms)
-
-
-@remember(4)
-def _summed(maps: Maps, terms: MapTerms) -> MapAccuracy:
+def accuracy_of(maps: Maps, terms: MapTerms) -> MapAccuracy:
+    """Return how sure the maps are by all their causes of error."""
     outer_ok, inner_ok = maps.outer.ok, maps.inner.ok & maps.outer.ok
     return MapAccuracy(
         outer=summed(terms.outer, outer_ok),

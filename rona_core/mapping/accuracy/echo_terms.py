@@ -4,9 +4,9 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import KDTree
 
-from rona_core.app.steps.maps.accuracy.error_terms import HIDDEN_ALIKE, ErrorTerm
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.pose import Pose
+from rona_core.mapping.accuracy.error_terms import HIDDEN_ALIKE, ErrorTerm
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.mapping.fitting.plate_field import ROUGHNESS_MM, PlateField
 from rona_core.ultrasound.probe.beam import LEAST_LEVEL, rms_roughness_mm

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rona_core.app.steps.maps.accuracy.error_terms import CellSigma
-from rona_core.app.steps.maps.accuracy.map_accuracy import MapAccuracy
-from rona_core.app.steps.maps.accuracy.probe_place import OTHER_POSTURE
+from rona_core.mapping.accuracy.error_terms import CellSigma
+from rona_core.mapping.accuracy.map_accuracy import MapAccuracy
+from rona_core.mapping.accuracy.probe_place import OTHER_POSTURE
 
 TIMING = "time of flight"
 

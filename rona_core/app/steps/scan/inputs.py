@@ -1,0 +1,94 @@
+"""Inputs that results take from the scan: its A-scans, and where the probe was at each of them."""
+
+from dataclasses import dataclass
+
+from rona_core.app.declarations.inputs import Input, Quantity
+from rona_core.app.dependencies.head_reference import HeadReference, HeadWatch, head_input
+from rona_core.app.dependencies.inputs import capture_input
+from rona_core.app.dependencies.judged import usable
+from rona_core.app.steps.setup.inputs import MODEL, PROBE
+from rona_core.calibration.timing.robot_latency import PoseDelay
+from rona_core.devices.settings import ProbeSettings
+from rona_core.geometry.pose import Poses
+from rona_core.mapping.probe_poses import ProbePostures, face_poses, pose_delay, probe_postures
+from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.session.captures import ScanCapture
+from rona_core.session.memo import remember
+from rona_core.ultrasound.acoustic_calibration.probe_mounting import ProbeMounting
+
+SCAN: Input[ScanCapture] = capture_input("scan")
+KNOWN_MOUNTING: Input[ProbeMounting] = Input(
+    lambda s: usable("mounting", s.results.get("mounting"), s),
+    "calibrate the mounting (step 8)",
+    optional=True,
+)
+HEAD, HEAD_OF_ALL = head_input("scan"), head_input("scan", "second")
+
+
+@remember(2)  # captures never change, and several views ask
+def _delay(capture: ScanCapture, robot: str, probe: ProbeSettings) -> PoseDelay | None:
+    if capture.clock_scans is None:
+        return None
+    model, times_s = robot_model(robot), capture.scans.times_s
+    return pose_delay(capture.joints, capture.clock_scans, times_s, model, probe)
+
+
+@remember(16)
+def _postures(capture: ScanCapture, delay_s: float) -> ProbePostures:
+    return probe_postures(capture.joints, capture.scans.times_s, delay_s)
+
+
+@remember(16)  # all scans; what is made of one set of poses is remembered with them
+def _poses(
+    capture: ScanCapture, delay_s: float, robot: str, offset_mm: float, watch: HeadWatch | None
+) -> Poses:
+    back = None if watch is None else watch.back(capture.scans.times_s)
+    qs_rad = _postures(capture, delay_s).qs_rad
+    return face_poses(qs_rad, robot_model(robot), offset_mm, back)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ProbePlaces:
+    """Where the probe was in every pass over the bone.
+
+    The face is where the gauge plate found it, or else where it should be. Where the head has moved
+    since step 4, the poses are led back to how it lay then. Joint angles are looked up later by the
+    delay of the first scan: in further ones the probe leans, and echoes of the approach are weak.
+    """
+
+    delay_s: float
+    robot: str
+    offset_mm: float
+    head: HeadReference
+
+    def poses(self, capture: ScanCapture) -> Poses:
+        """Return the pose of the probe in ``base`` at each A-scan of a pass."""
+        watch = self.head.watch(capture)
+        return _poses(capture, self.delay_s, self.robot, self.offset_mm, watch)
+
+    def postures(self, capture: ScanCapture) -> ProbePostures:
+        """Return the joint angles at each A-scan of a pass."""
+        return _postures(capture, self.delay_s)
+
+
+def _places(
+    delay: PoseDelay | None, robot: str, mounting: ProbeMounting | None, head: HeadReference
+) -> ProbePlaces:
+    delay_s = 0.0 if delay is None else delay.delay_s
+    return ProbePlaces(delay_s, robot, 0.0 if mounting is None else mounting.offset_mm, head)
+
+
+def _first_poses(capture: ScanCapture, places: ProbePlaces) -> Poses:
+    return places.poses(capture)
+
+
+def _places_of(head: Input[HeadReference]) -> Quantity[ProbePlaces]:
+    parts = {"delay": DELAY, "robot": MODEL, "mounting": KNOWN_MOUNTING, "head": head}
+    return Quantity(_places, parts)
+
+
+DELAY: Quantity[PoseDelay] = Quantity(
+    _delay, {"capture": SCAN, "robot": MODEL, "probe": PROBE}, optional=True
+)
+PLACES, PLACES_OF_ALL = _places_of(HEAD), _places_of(HEAD_OF_ALL)
+POSES: Quantity[Poses] = Quantity(_first_poses, {"capture": SCAN, "places": PLACES})
