@@ -81,7 +81,7 @@ def test_draws_out_of_bounds_are_refused(client, demo, wanted):
 def test_draws_of_no_maps_are_refused(at):
     answer = at("GET", "/maps/draws")
     assert (answer.status_code, answer.json()["code"]) == (409, "step_blocked")
-    assert "map the boundaries" in answer.json()["detail"]
+    assert "compute the maps" in answer.json()["detail"]
 
 
 def test_an_exported_file_is_the_one_that_a_script_gets(web, client, demo, at):

@@ -65,6 +65,11 @@ IMPLIED: dict[str, Change] = {
     "calibrated pointer": of_value("pointer", tip_sigma_mm=lambda v: 2.0),
     "mounting": lambda s: s.with_result("mounting", None),
     "line": lambda s: compute_result(CalibrateDelayLine(), s),
+    "errors of the robot": of_device("robot", errors=False),
+    "field of the tracker": of_device("tracker", profile="vega"),
+    "head": lambda s: s.with_capture(
+        "surface", (replace(s.captures.surface[0], head=None), *s.captures.surface[1:])
+    ),
 }
 # and of every free one
 FREE: dict[str, Change] = {

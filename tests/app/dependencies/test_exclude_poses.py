@@ -13,9 +13,14 @@ from rona_core.app.steps.tool.derivation import tool_poses
 from rona_core.app.steps.tool.messages import RegisterTool
 from rona_core.compose import new_workbench
 from rona_core.errors import DegenerateGeometryError, InvalidInputError, StepBlockedError
+from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
 from tests.scenes import demo_parts
+
+
+def poses_of(session):
+    return tool_poses(session.captures.tool, robot_model(session.setup.devices.robot.model))
 
 
 @pytest.fixture(scope="module")
@@ -52,10 +57,9 @@ def test_left_out_poses_do_not_count_and_undo_counts_them_again(bench, step, com
 @pytest.mark.parametrize("method", ["joint", "paper"])
 def test_a_pose_left_out_has_no_say_in_the_tool(bench, method):
     """The result is that of the same poses without it."""
-    from rona_core.app.steps.tool.derivation import tool_poses
     from rona_core.calibration.hand_eye.tool_registration import register_tool
 
-    robot, marker, phases = tool_poses(bench.session)
+    robot, marker, phases = poses_of(bench.session)
     out = np.zeros(len(phases), dtype=bool)
     out[[1, 33]] = True
     masked = register_tool(robot, marker, phases, method=method, exclude=out)
@@ -118,7 +122,7 @@ def test_a_newer_motion_that_was_stopped_before_anything_was_seen_has_no_picture
     session = bench.session
     session = replace(session, captures=replace(session.captures, tool=nothing))
     with pytest.raises(DegenerateGeometryError):
-        tool_poses(session)
+        poses_of(session)
     view = calibration_view(session, "tool")
     assert view.swing is None
     assert view.n_used == calibration_view(bench.session, "tool").n_used

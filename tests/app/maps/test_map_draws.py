@@ -156,7 +156,7 @@ def test_a_seed_gives_its_draws_again_and_another_one_others(demo):
 
 
 def test_maps_that_do_not_count_are_not_drawn(demo):
-    with pytest.raises(StepBlockedError, match="map the boundaries"):
+    with pytest.raises(StepBlockedError, match="first compute the maps"):
         drawn_maps(Session(), 10)
     for count in (0, MOST_DRAWS + 1):
         with pytest.raises(InvalidInputError, match=f"{count} draws are out of range: 1 to"):

@@ -9,7 +9,6 @@ from rona_core.app.dependencies.inputs import required
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.runtime.recompute import recompute
 from rona_core.app.runtime.session_step import Undo
-from rona_core.app.steps.acoustics.derivation import entry_points
 from rona_core.app.steps.acoustics.inputs import HELD_PROBE, KNOWN_SPEED
 from rona_core.app.steps.acoustics.messages import (
     AddReferencePoint,
@@ -20,6 +19,7 @@ from rona_core.app.steps.acoustics.messages import (
     StartDelayLineCapture,
     StartProbeSweep,
 )
+from rona_core.app.steps.acoustics.step import entry_points
 from rona_core.app.steps.acoustics.thickness_uncertainty import reference_gain, thickness_shares
 from rona_core.app.steps.acoustics.view import (
     edited_probe,

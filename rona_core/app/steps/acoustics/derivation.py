@@ -1,14 +1,10 @@
 """Compute speed of sound and delay line from their captures, and use them where they are known."""
 
-from rona_core.app.dependencies.inputs import require_result, required
-from rona_core.app.steps.acoustics.inputs import ROBOT_PROBE
+from rona_core.app.steps.acoustics.inputs import LineInputs, SpeedInputs
 from rona_core.app.steps.acoustics.messages import CalibrateDelayLine, CalibrateSoundSpeed
-from rona_core.app.steps.scan.inputs import POSES
 from rona_core.errors import InvalidInputError
-from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Poses
 from rona_core.mapping.build_maps import boundary_points
-from rona_core.session.document import Session
 from rona_core.ultrasound.acoustic_calibration.delay_line import (
     DelayLine,
     calibrate_delay_line,
@@ -27,15 +23,14 @@ from rona_core.ultrasound.detection.detect import NOMINAL_SPEED_MM_PER_US, Detec
 from rona_core.ultrasound.probe.probe_model import probe_model
 
 
-def derive_speed(session: Session, message: CalibrateSoundSpeed) -> SpeedCalibration:
+def compare_with_caliper(known: SpeedInputs, message: CalibrateSoundSpeed) -> SpeedCalibration:
     """Compare the caliper with the time of flight at the reference points.
 
     Raises:
         InvalidInputError: a point without a sure A-scan near it, or values that no bone has.
     """
-    references = require_result(session.captures.references, "measure reference points (step 9)")
-    detection = require_result(session.results.detection, "detect the boundaries (step 9)").value
-    places, entries = references.places_base, entry_points(session, detection)
+    references, detection = known.references, known.detection
+    places, entries = references.places_base, boundary_points(detection, known.poses)[0]
     lag_us, sigma_us = lags_at(places, entries, detection)
     return calibrate_speed(
         references.thickness_mm,
@@ -44,19 +39,13 @@ def derive_speed(session: Session, message: CalibrateSoundSpeed) -> SpeedCalibra
         lag_sigma_us=sigma_us,
         positions_mm=places,
         region_mm=entries[detection.inner_ok],
-        prior=speed_prior_for(detection, required(ROBOT_PROBE, session).centre_mhz),
+        prior=speed_prior_for(detection, known.probe.centre_mhz),
     )
 
 
-def entry_points(session: Session, detection: Detection) -> Floats:
-    """Return where the probe's axis enters the bone (n, 3) at each A-scan, in ``base``."""
-    return boundary_points(detection, required(POSES, session))[0]
-
-
-def derive_line(session: Session, message: CalibrateDelayLine) -> DelayLine:
+def find_line_delay(known: LineInputs, message: CalibrateDelayLine) -> DelayLine:
     """Find the delay of the line in the A-scans on the block."""
-    block = require_result(session.captures.block, "take A-scans on the block (step 1)")
-    probe = session.setup.devices.probe
+    block, probe = known.block, known.probe
     temperatures = [float(value) for value in block.temperatures_c]
     return calibrate_delay_line(
         block.tracks, temperatures, probe_model(probe), probe.excitation, film_mm=message.film_mm

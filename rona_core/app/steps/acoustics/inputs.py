@@ -1,15 +1,22 @@
 """Inputs that results take from calibrations of sound: speed of sound, delay line, the probe."""
 
-from rona_core.app.declarations.inputs import Input, Quantity
+from rona_core.app.declarations.inputs import Input, Quantity, given, inputs
+from rona_core.app.dependencies.inputs import capture_input, result_input
 from rona_core.app.dependencies.judged import usable
-from rona_core.app.steps.scan.inputs import KNOWN_MOUNTING
-from rona_core.app.steps.setup.inputs import PROBE
+from rona_core.app.steps.scan.inputs import KNOWN_MOUNTING, POSES
+from rona_core.app.steps.setup.inputs import BLOCK_PROBE, PROBE
 from rona_core.devices.settings import ProbeSettings
+from rona_core.geometry.pose import Poses
+from rona_core.session.captures import BlockCapture, ReferenceCapture
 from rona_core.ultrasound.acoustic_calibration.delay_line import DelayLine, calibrated_probe
 from rona_core.ultrasound.acoustic_calibration.probe_mounting import ProbeMounting
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import SpeedCalibration
+from rona_core.ultrasound.detection.detect import Detection
 from rona_core.ultrasound.probe.probe_model import ProbeModel, probe_model
 
+BLOCK: Input[BlockCapture] = capture_input("block")
+REFERENCES: Input[ReferenceCapture] = capture_input("references")
+DETECTION: Input[Detection] = result_input("detection")
 KNOWN_LINE: Input[DelayLine] = Input(
     lambda s: usable("line", s.results.line, s), "calibrate the delay line (step 1)", optional=True
 )
@@ -40,3 +47,21 @@ HELD_PROBE: Quantity[ProbeModel] = Quantity(probe_with_line, {"probe": PROBE, "l
 ROBOT_PROBE: Quantity[ProbeModel] = Quantity(
     probe_at_robot, {"probe": PROBE, "line": KNOWN_LINE, "mounting": KNOWN_MOUNTING}
 )
+
+
+@inputs()
+class LineInputs:
+    """What the delay line is calibrated from."""
+
+    block: BlockCapture = given(BLOCK, "block")
+    probe: ProbeSettings = given(BLOCK_PROBE, "probe")
+
+
+@inputs(implied=("probe", "line", "mounting", "head"))
+class SpeedInputs:
+    """What the speed of sound is calibrated from."""
+
+    references: ReferenceCapture = given(REFERENCES, "references")
+    detection: Detection = given(DETECTION, "detection")
+    poses: Poses = given(POSES)
+    probe: ProbeModel = given(ROBOT_PROBE)

@@ -6,30 +6,33 @@ import numpy as np
 
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext, Message
-from rona_core.app.dependencies.inputs import capture_input, require_result, required, result_input
+from rona_core.app.dependencies.inputs import require_result, required
 from rona_core.app.dependencies.staleness import capture_setup_digest, stale_reason
 from rona_core.app.runtime.handling import compute_result, computed, record
 from rona_core.app.runtime.recording import begin
 from rona_core.app.steps.acoustics import messages
 from rona_core.app.steps.acoustics.derivation import (
-    derive_line,
-    derive_speed,
-    entry_points,
+    compare_with_caliper,
+    find_line_delay,
     require_point,
 )
-from rona_core.app.steps.acoustics.inputs import KNOWN_SPEED
+from rona_core.app.steps.acoustics.inputs import BLOCK, DETECTION, KNOWN_SPEED, REFERENCES
 from rona_core.app.steps.scan.inputs import POSES, SCAN
 from rona_core.app.steps.setup import capture_parts as parts
-from rona_core.app.steps.setup.inputs import BLOCK_PROBE, MODEL
+from rona_core.app.steps.setup.inputs import BLOCK_PROBE
 from rona_core.errors import CancelledError, InvalidInputError, StepBlockedError
-from rona_core.geometry.arrays import readonly
+from rona_core.geometry.arrays import Floats, readonly
+from rona_core.mapping.build_maps import boundary_points
 from rona_core.session.captures import BlockCapture, ReferenceCapture
 from rona_core.session.document import Session
 from rona_core.ultrasound.acoustic_calibration.expected_performance import WhatIfGrid
 from rona_core.ultrasound.acoustic_calibration.reference_points import propose_references
+from rona_core.ultrasound.detection.detect import Detection
 
-BLOCK, REFERENCES = capture_input("block"), capture_input("references")
-DETECTION = result_input("detection")
+
+def entry_points(session: Session, detection: Detection) -> Floats:
+    """Return where the probe's axis enters the bone (n, 3) at each A-scan, in ``base``."""
+    return boundary_points(detection, required(POSES, session))[0]
 
 
 def capture_thickness(
@@ -212,23 +215,16 @@ STEP = declare.Step(
         ),
     ),
     results=(
-        declare.Result(
+        declare.Result.of(
             "line",
             messages.CalibrateDelayLine,
-            derive_line,
-            {"block": BLOCK, "probe": BLOCK_PROBE},
+            find_line_delay,
             "calibrate the delay line (step 1)",
         ),
-        declare.Result(
+        declare.Result.of(
             "speed",
             messages.CalibrateSoundSpeed,
-            derive_speed,
-            {
-                "references": REFERENCES,
-                "detection": DETECTION,
-                "capture": SCAN,
-                "robot": MODEL,
-            },
+            compare_with_caliper,
             "calibrate the speed (step 9)",
         ),
         declare.Result("what_if", messages.StartProbeSweep, None, {}, "compare probes (step 1)"),

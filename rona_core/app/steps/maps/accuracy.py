@@ -9,10 +9,10 @@ from rona_core.app.declarations.inputs import Input, Quantity
 from rona_core.app.dependencies.head_reference import HeadReference
 from rona_core.app.dependencies.inputs import required, result_input
 from rona_core.app.dependencies.staleness import made_of, stale_reason
-from rona_core.app.steps.acoustics.inputs import KNOWN_LINE
+from rona_core.app.steps.acoustics.inputs import DETECTION, KNOWN_LINE
 from rona_core.app.steps.acoustics.thickness_uncertainty import speed_of_maps
 from rona_core.app.steps.maps.further_passes import Passes
-from rona_core.app.steps.maps.inputs import AGAIN, CLOUD_PRIOR, DETECTION, MAPS
+from rona_core.app.steps.maps.inputs import AGAIN, CLOUD_PRIOR, MAPS
 from rona_core.app.steps.scan.inputs import HEAD, KNOWN_MOUNTING, PLACES, SCAN, ProbePlaces
 from rona_core.app.steps.setup.inputs import MODEL, PROBE, TRACKER_PROFILE
 from rona_core.app.steps.surface.inputs import SURFACE

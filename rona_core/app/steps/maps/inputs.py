@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from rona_core.app.declarations.inputs import Input, Quantity, given, inputs
 from rona_core.app.dependencies.inputs import result_input
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.steps.acoustics.inputs import KNOWN_SPEED, ROBOT_PROBE
+from rona_core.app.steps.acoustics.inputs import DETECTION, KNOWN_SPEED, ROBOT_PROBE
 from rona_core.app.steps.maps.further_passes import Passes, usable_second
 from rona_core.app.steps.path.painting import PAINTED
 from rona_core.app.steps.roll.inputs import DRIVEN, Driven
@@ -28,7 +28,6 @@ from rona_core.ultrasound.detection.detect import Detection
 from rona_core.ultrasound.detection.manual_corrections import BoundaryEdits, corrected
 from rona_core.ultrasound.probe.probe_model import ProbeModel
 
-DETECTION: Input[Detection] = result_input("detection")
 MAPS: Input[Maps] = result_input("maps")
 SECOND: Input[SecondPass] = result_input("second")
 AGAIN: Input[Detection] = result_input("second_detection")

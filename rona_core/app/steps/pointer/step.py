@@ -2,24 +2,17 @@
 
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext
-from rona_core.app.dependencies.base_reference import error_field
-from rona_core.app.dependencies.inputs import capture_input, require_result, result_input
 from rona_core.app.messages.serialization import message_from
 from rona_core.app.runtime.handling import compute_result, record
 from rona_core.app.runtime.recording import capture_hand
+from rona_core.app.steps.pointer.derivation import calibrate
+from rona_core.app.steps.pointer.inputs import POINTER, POINTER_CAPTURE
 from rona_core.app.steps.pointer.messages import CalibratePointer, ExcludePoses, StartPointerCapture
-from rona_core.app.steps.pointer.pivot_report import calibrate_imported
-from rona_core.app.steps.pointer.tracker_field import with_tracker_field
 from rona_core.app.steps.setup import capture_parts as parts
-from rona_core.app.steps.tool.derivation import excluded_mask
 from rona_core.app.steps.tool.messages import RegisterTool
-from rona_core.calibration.handheld.pointer import PointerCalibration, calibrate_pointer
-from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.errors import StepBlockedError
-from rona_core.session.captures import PointerCapture, is_imported
+from rona_core.session.captures import PointerCapture
 from rona_core.session.document import Session
-
-POINTER_CAPTURE, POINTER = capture_input("pointer"), result_input("pointer")
 
 
 def capture_pivot(
@@ -44,30 +37,6 @@ def capture_pivot(
         )
     finally:
         operator.finish()
-
-
-def derive_pointer(session: Session, message: CalibratePointer) -> PointerCalibration:
-    """Calibrate the pointer from its pivoting.
-
-    Raises:
-        InvalidInputError: too few poses, or one to be left out that there is not.
-        DegenerateGeometryError: they tell too little.
-    """
-    capture = require_result(session.captures.pointer, "record the pivoting of the pointer")
-    geometry = GEOMETRIES[capture.pointer]
-    exclude = excluded_mask(message.exclude, len(capture.marker.times_s))
-    if is_imported(capture):
-        made = calibrate_imported(capture, method=message.method, exclude=exclude)
-    else:
-        made = calibrate_pointer(
-            capture.marker.Ts_tracker_marker,
-            pointer=capture.pointer,
-            dof=geometry.dof,
-            method=message.method,
-            positions_pointermarker=geometry.positions_marker,
-            exclude=exclude,
-        )
-    return with_tracker_field(made, capture, error_field(session.setup.devices.tracker))
 
 
 def exclude_poses(message: ExcludePoses, session: Session) -> Session:
@@ -111,13 +80,7 @@ STEP = declare.Step(
         ),
     ),
     results=(
-        declare.Result(
-            "pointer",
-            CalibratePointer,
-            derive_pointer,
-            {"capture": POINTER_CAPTURE},
-            "calibrate the pointer (step 3)",
-        ),
+        declare.Result.of("pointer", CalibratePointer, calibrate, "calibrate the pointer (step 3)"),
     ),
     line=declare.StepLine(
         "Pointer",

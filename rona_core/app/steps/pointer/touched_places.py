@@ -89,7 +89,8 @@ def repeating_errors(
     parts = [_at_frames(pointer, poses, R_base_tracker)]
     if evidence.tool is not None and tool.random_covariance is not None:
         registration = tool.random_covariance
-        moved_by, by_robot = repeating_parts(evidence.tool, evidence.devices, tool)
+        arm = evidence.devices.robot
+        moved_by, by_robot = repeating_parts(evidence.tool, arm.model, arm.errors, tool)
         robot = (J @ by_robot[:6]).reshape(3 * n, -1)
         parts.append((np.einsum("nik,kpl->nipl", J, moved_by.markers[:6]), moved_by.points_tracker))
     if evidence.pointer is not None and pointer.random_covariance is not None:

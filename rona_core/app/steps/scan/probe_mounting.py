@@ -5,13 +5,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from rona_core.app.declarations.declarations import ActivityContext
-from rona_core.app.dependencies.inputs import capture_input, require_result
+from rona_core.app.declarations.inputs import given, inputs
+from rona_core.app.dependencies.inputs import capture_input
 from rona_core.app.dependencies.judged import Judged
 from rona_core.app.dependencies.staleness import capture_setup_digest, stale_reason
 from rona_core.app.runtime.handling import compute_result
 from rona_core.app.runtime.recording import begin
 from rona_core.app.steps.scan.messages import CalibrateProbeMounting, StartProbeMountingCapture
+from rona_core.app.steps.setup.inputs import BLOCK_PROBE
 from rona_core.devices.samples import AScanTrack
+from rona_core.devices.settings import ProbeSettings
 from rona_core.errors import CancelledError
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.session.document import Session
@@ -60,10 +63,17 @@ def capture_gauge(
     )
 
 
-def derive_mounting(session: Session, message: CalibrateProbeMounting) -> ProbeMounting:
+@inputs()
+class MountingInputs:
+    """What the mounting of the probe is calibrated from."""
+
+    gauge: GaugeCapture = given(GAUGE, "gauge")
+    probe: ProbeSettings = given(BLOCK_PROBE, "probe")
+
+
+def find_mounting(known: MountingInputs, message: CalibrateProbeMounting) -> ProbeMounting:
     """Find where the face of the probe is, and how fast its line, from the A-scans on the gauge."""
-    held = require_result(session.captures.get("gauge"), "press the probe on the gauge (step 8)")
-    probe = session.setup.devices.probe
+    held, probe = known.gauge, known.probe
     return calibrate_mounting(
         held.tracks, held.depths_mm, held.sigma_mm, probe_model(probe), probe.excitation
     )

@@ -25,7 +25,7 @@ from rona_core.app.steps.scan.probe_mounting import (
     GaugeCapture,
     calibrate_probe_mounting,
     capture_gauge,
-    derive_mounting,
+    find_mounting,
 )
 from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.setup.inputs import BLOCK_PROBE
@@ -34,7 +34,6 @@ from rona_core.errors import CancelledError, StepBlockedError
 from rona_core.geometry.arrays import Floats
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import Session
-from rona_core.ultrasound.acoustic_calibration.probe_mounting import ProbeMounting
 
 SCAN_CAPTURE, ROLL = capture_input("scan"), result_input("roll")
 
@@ -163,13 +162,11 @@ STEP = declare.Step(
         ),
     ),
     results=(
-        declare.Result(
+        declare.Result.of(
             "mounting",
             CalibrateProbeMounting,
-            derive_mounting,
-            {"gauge": GAUGE, "probe": BLOCK_PROBE},
+            find_mounting,
             "calibrate the mounting of the probe (step 8)",
-            types=(ProbeMounting,),
         ),
     ),
     line=declare.StepLine(

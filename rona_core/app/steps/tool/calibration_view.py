@@ -5,7 +5,9 @@ from typing import Any, Literal
 
 import numpy as np
 
+from rona_core.app.dependencies.inputs import required
 from rona_core.app.steps.tool.derivation import tool_poses
+from rona_core.app.steps.tool.inputs import TOOL_CAPTURE
 from rona_core.calibration.hand_eye.quality import GOOD_MM, REGISTRATION_TITLE
 from rona_core.calibration.pivot.pose_coverage import NextPose, next_best_pose, swing_coverage
 from rona_core.calibration.pivot.quality import GOOD_SIGMA_MM
@@ -13,6 +15,7 @@ from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.errors import DegenerateGeometryError, RonaError
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.geometry.pose import Poses
+from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import Session
 
 Step = Literal["tool", "pointer"]
@@ -116,7 +119,7 @@ def _swing(session: Session, step: Step, found: Any, marks: Ints) -> SwingView |
         return None
     pivoting = np.ones(len(marks), dtype=np.bool_)
     if step == "tool":
-        pivoting = tool_poses(session)[2] == 0
+        pivoting = _tool_poses(session)[2] == 0
     if not (pivoting & (marks == USED)).any():
         return None
     try:
@@ -150,11 +153,16 @@ def _swing(session: Session, step: Step, found: Any, marks: Ints) -> SwingView |
     )
 
 
+def _tool_poses(session: Session) -> tuple[Poses, Poses, Ints]:
+    model = robot_model(session.setup.devices.robot.model)
+    return tool_poses(required(TOOL_CAPTURE, session), model)
+
+
 def _motion(session: Session, step: Step, found: Any) -> tuple[Poses | None, Floats, str, int]:
     """Return the poses of the marker, the tip in it, the name of its geometry, and 6 or 5."""
     if step == "tool":
         try:
-            poses = None if session.captures.tool is None else tool_poses(session)[1]
+            poses = None if session.captures.tool is None else _tool_poses(session)[1]
         except DegenerateGeometryError:  # a motion that was stopped before the tracker saw it
             poses = None
         return poses, found.T_toolmarker_tip.translation, "toolmarker", 6

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from rona_core.app.dependencies.base_reference import base_reference, error_field
-from rona_core.app.dependencies.inputs import require_result
+from rona_core.app.dependencies.base_reference import base_reference
+from rona_core.app.steps.tool.inputs import ToolInputs
 from rona_core.app.steps.tool.messages import RegisterTool
 from rona_core.calibration.hand_eye.quality import registration_sigma_mm
 from rona_core.calibration.hand_eye.registration_sensitivity import (
@@ -16,7 +16,6 @@ from rona_core.calibration.hand_eye.robot_accuracy import check_robot_accuracy
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration, register_tool
 from rona_core.calibration.timing.time_offset import TimeOffset, estimate_time_offset
 from rona_core.calibration.tracker_field import LearnedField
-from rona_core.devices.settings import DeviceSettings
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.geometry.pose import Poses
@@ -24,7 +23,6 @@ from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.link_errors import ROBOT_ACCURACY_MM, link_errors
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.session.captures import ToolCapture
-from rona_core.session.document import Session
 from rona_core.session.memo import remember
 
 TOLD_SIGMAS = 3.0  # a delay smaller than this cannot be told from none, and is not corrected
@@ -68,7 +66,7 @@ def delay_words(delay: TimeOffset) -> tuple[str, str]:
     return f"{late} latency (compensated)", words
 
 
-def tool_poses(session: Session) -> tuple[Poses, Poses, Ints]:
+def tool_poses(capture: ToolCapture, model: RobotModel) -> tuple[Poses, Poses, Ints]:
     """Return the poses of step 2 that were seen: by the robot, by the tracker, and their phases.
 
     Returns:
@@ -77,8 +75,6 @@ def tool_poses(session: Session) -> tuple[Poses, Poses, Ints]:
     Raises:
         DegenerateGeometryError: the marker was seen at none.
     """
-    capture = require_result(session.captures.tool, "record the tool motion")
-    model = robot_model(session.setup.devices.robot.model)
     qs_rad, Ts_tracker_toolmarker, phases = tool_dwells(capture, model)
     return model.forward(qs_rad) @ model.T_flange_tip, Ts_tracker_toolmarker, phases
 
@@ -106,14 +102,14 @@ def tool_dwells(capture: ToolCapture, model: RobotModel) -> tuple[Floats, Poses,
     return readonly(np.array(joints)), Poses.stack(markers), readonly(capture.phases[kept])
 
 
-def derive_tool(session: Session, message: RegisterTool) -> ToolRegistration:
+def _registered(known: ToolInputs, message: RegisterTool) -> ToolRegistration:
     """Average the tracker over each dwell of the robot and register tool, robot and tracker.
 
     Raises:
         InvalidInputError: a pose to be left out that there is not.
         DegenerateGeometryError: the marker was seen at too few poses, or they tell too little.
     """
-    Ts_base_tip, Ts_tracker_toolmarker, phases = tool_poses(session)
+    Ts_base_tip, Ts_tracker_toolmarker, phases = tool_poses(known.capture, robot_model(known.robot))
     return register_tool(
         Ts_base_tip,
         Ts_tracker_toolmarker,
@@ -123,11 +119,10 @@ def derive_tool(session: Session, message: RegisterTool) -> ToolRegistration:
     )
 
 
-def with_repeating_errors(session: Session, made: ToolRegistration) -> ToolRegistration:
+def _with_repeating_errors(known: ToolInputs, made: ToolRegistration) -> ToolRegistration:
     """Return the registration with what robot and tracker do the same every time in its sigmas."""
-    capture = require_result(session.captures.tool, "record the tool motion")
-    moved_by, by_robot = repeating_parts(capture, session.setup.devices, made)
-    field = LearnedField(error_field(session.setup.devices.tracker))
+    moved_by, by_robot = repeating_parts(known.capture, known.robot, known.errors, made)
+    field = LearnedField(known.field)
     by_tracker = field.propagate(moved_by.markers, moved_by.points_tracker)
     total = made.covariance + by_tracker + by_robot @ by_robot.T
     return replace(
@@ -143,16 +138,16 @@ def with_repeating_errors(session: Session, made: ToolRegistration) -> ToolRegis
 
 @remember(4)
 def repeating_parts(
-    capture: ToolCapture, devices: DeviceSettings, made: ToolRegistration
+    capture: ToolCapture, robot: str, errors: bool, made: ToolRegistration
 ) -> tuple[RegistrationSensitivity, Floats]:
     """Return how errors of markers and robot move a registration, and what the robot is stated for.
 
     The second (12, 36) times its transpose is the covariance by the robot.
     """
-    model = robot_model(devices.robot.model)
+    model = robot_model(robot)
     qs_rad, seen, _ = tool_dwells(capture, model)
     moved_by = registration_sensitivity(made, model.forward(qs_rad) @ model.T_flange_tip, seen)
-    accuracy_mm = ROBOT_ACCURACY_MM if devices.robot.errors else 0.0
+    accuracy_mm = ROBOT_ACCURACY_MM if errors else 0.0
     links = link_errors(model, qs_rad[made.used], model.T_flange_tip, accuracy_mm)
     by_robot = np.einsum("knj,njl->kl", moved_by.robot, links)
     of_tool = worse_half(by_robot[6:], by_robot[9:])
@@ -175,15 +170,13 @@ def worse_half(tool: Floats, tip: Floats) -> Floats:
     return np.sqrt(2.0) * tool * kept
 
 
-def with_robot_check(session: Session, made: ToolRegistration) -> ToolRegistration:
+def _with_robot_check(known: ToolInputs, made: ToolRegistration) -> ToolRegistration:
     """Return the registration, not called good where it contradicts the robot's accuracy."""
-    capture = require_result(session.captures.tool, "record the tool motion")
-    devices = session.setup.devices
-    model = robot_model(devices.robot.model)
-    qs_rad, seen, _ = tool_dwells(capture, model)
-    accuracy_mm = ROBOT_ACCURACY_MM if devices.robot.errors else 0.0
+    model = robot_model(known.robot)
+    qs_rad, seen, _ = tool_dwells(known.capture, model)
+    accuracy_mm = ROBOT_ACCURACY_MM if known.errors else 0.0
     links = link_errors(model, qs_rad, model.T_flange_tip, accuracy_mm)
-    field = LearnedField(error_field(devices.tracker))
+    field = LearnedField(known.field)
     tips = model.forward(qs_rad) @ model.T_flange_tip
     check = check_robot_accuracy(made, tips, seen, links, field)
     if check is None or not check.contradicted:
@@ -202,16 +195,16 @@ def excluded_mask(rows: tuple[int, ...], n: int) -> Bools:
     return mask
 
 
-def derive_registration(session: Session, message: RegisterTool) -> ToolRegistration:
-    """Register robot, tool and tracker; remember where the base marker was, and the delay.
+def register(known: ToolInputs, message: RegisterTool) -> ToolRegistration:
+    """Register robot, tool and tracker, with the place of the base marker and the delay.
 
     Raises:
-        InvalidInputError, DegenerateGeometryError: as ``derive_tool``.
+        InvalidInputError: a pose to be left out that there is not.
+        DegenerateGeometryError: the marker was seen at too few poses, or they tell too little.
     """
-    made = with_robot_check(session, with_repeating_errors(session, derive_tool(session, message)))
-    capture = require_result(session.captures.tool, "record the tool motion")
+    made = _with_robot_check(known, _with_repeating_errors(known, _registered(known, message)))
     return replace(
         made,
-        base=base_reference(capture.base, made.T_base_tracker),
-        delay=tracker_delay(capture, robot_model(session.setup.devices.robot.model)),
+        base=base_reference(known.capture.base, made.T_base_tracker),
+        delay=tracker_delay(known.capture, robot_model(known.robot)),
     )

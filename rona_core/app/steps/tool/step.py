@@ -3,20 +3,17 @@
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext
 from rona_core.app.dependencies.base_reference import placed_reason
-from rona_core.app.dependencies.inputs import capture_input, result_input
 from rona_core.app.dependencies.staleness import session_obstacles
 from rona_core.app.runtime.handling import compute_result, record
 from rona_core.app.steps.setup import capture_parts as parts
-from rona_core.app.steps.setup.inputs import MODEL
-from rona_core.app.steps.tool.derivation import derive_registration
+from rona_core.app.steps.tool.derivation import register
+from rona_core.app.steps.tool.inputs import TOOL, TOOL_CAPTURE
 from rona_core.app.steps.tool.messages import RegisterTool, StartToolCapture
 from rona_core.app.steps.tool.recorded_motion import record_tool_motion
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.calibration_motion import ToolMotionSettings, plan_tool_motion
 from rona_core.session.captures import ToolCapture
 from rona_core.session.document import Session
-
-TOOL_CAPTURE, TOOL = capture_input("tool"), result_input("tool")
 
 
 def capture_tool(
@@ -63,15 +60,7 @@ STEP = declare.Step(
             (parts.tracker, parts.robot, parts.robot_errors),
         ),
     ),
-    results=(
-        declare.Result(
-            "tool",
-            RegisterTool,
-            derive_registration,
-            {"capture": TOOL_CAPTURE, "robot": MODEL},
-            "register the tool (step 2)",
-        ),
-    ),
+    results=(declare.Result.of("tool", RegisterTool, register, "register the tool (step 2)"),),
     line=declare.StepLine(
         "Tool",
         _summary,
