@@ -19,7 +19,7 @@ from rona_core.app.runtime.jobs import JobStatus
 from rona_core.app.runtime.session_registry import SessionRegistry
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.maps.growing_map import Pass
-from rona_core.app.steps.surface.derivation import replayed_pointer
+from rona_core.app.steps.surface.growing_stroke import replayed_pointer
 from rona_core.errors import CancelledError, NotFoundError
 from rona_core.session.document import Session
 from rona_ui.labels import in_words, place_of

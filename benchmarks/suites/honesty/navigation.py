@@ -4,8 +4,9 @@ import numpy as np
 
 from benchmarks.suites.honesty.design import bench_of
 from benchmarks.suites.honesty.judged import Judged, principal_parts
+from rona_core.app.dependencies.inputs import required
 from rona_core.app.overview.predicted_accuracy import predict_surface
-from rona_core.app.steps.path.derivation import viewpoint_base
+from rona_core.app.steps.path.inputs import VIEWPOINT
 from rona_core.app.steps.pointer.messages import StartPointerCapture
 from rona_core.app.steps.surface.messages import StartSurfaceCapture
 from rona_core.app.steps.tool.messages import StartToolCapture
@@ -105,7 +106,7 @@ def normals(session: Session, truth: Truth, seed: int) -> list[Judged]:
         return []
     points = surface.value.points_base
     places = points[:: max(1, len(points) // PLACES)]
-    found = NormalField(points).normals(places, viewpoint=viewpoint_base(session))
+    found = NormalField(points).normals(places, viewpoint=required(VIEWPOINT, session))
     true = truth.face_normals(places, FACE_MM)
     tangents = np.linalg.svd(true[:, None])[2][:, 1:]
     turned = np.rad2deg(np.einsum("nki,ni->nk", tangents, found.normals))[found.ok]

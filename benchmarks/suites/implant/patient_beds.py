@@ -13,7 +13,7 @@ import numpy as np
 from numpy.random import Generator
 from scipy.special import ndtri
 
-from rona_core.app.steps.implant.burr.derivation import known_burr
+from rona_core.app.steps.implant.burr.inputs import KNOWN_BURR
 from rona_core.app.steps.implant.burr.messages import StartBurrCapture
 from rona_core.app.steps.implant.derivation import (
     LIFT_STEP_MM,
@@ -165,7 +165,7 @@ def _best(patient: Patient, generator: Generator, held: ImplantBed) -> Trial | N
 
 def _milled(patient: Patient, generator: Generator, T_base_bed: Pose) -> Pose:
     """Return where a bed comes to lie that was planned at a pose."""
-    burr = known_burr(patient.session)
+    burr = KNOWN_BURR.read(patient.session)
     off_tip = patient.truth.scene.world.spindle_off_tip
     off_tip = off_tip - (np.zeros(3) if burr is None else burr.offset_tip)
     turned = Pose.from_rotvec((0.0, 0.0, float(generator.uniform(-np.pi, np.pi))))

@@ -11,14 +11,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.metric import Metric, Progress, over_seeds
+from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.head_reference import watch_head
 from rona_core.app.overview.acceptance import quality_rows
 from rona_core.app.procedure import PROCEDURE, run_procedure
-from rona_core.app.runtime.deriving import derive_all
+from rona_core.app.runtime.deriving import derive, derive_all
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.scan.head_view import head_figures
 from rona_core.app.steps.setup.messages import SetSeed, SetWorld
-from rona_core.app.steps.surface.derivation import derive_surface
 from rona_core.app.steps.surface.messages import BuildSurface
 from rona_core.compose import build_virtual_rig, new_workbench
 from rona_core.evaluation.figures import rms
@@ -100,7 +100,9 @@ def as_it_is(session: Session) -> Session:
         scan=None if held.scan is None else replace(held.scan, head=None),
     )
     bare = replace(session, captures=captures)
-    results: dict[str, object] = {"surface": derive_surface(bare, BuildSurface())}
+    results: dict[str, object] = {
+        "surface": derive(REGISTRY.result("surface"), bare, BuildSurface())
+    }
     for name in ("surface", "detection", "second_detection", "maps"):
         if name not in results:
             results |= derive_all(bare, StartMapping())

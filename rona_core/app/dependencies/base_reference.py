@@ -7,6 +7,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rona_core.app.declarations.inputs import Input, Quantity
+from rona_core.app.dependencies.inputs import required, result_input
 from rona_core.calibration.hand_eye.base_marker import (
     MIN_FRAMES,
     BaseReference,
@@ -20,9 +22,9 @@ from rona_core.calibration.hand_eye.base_marker import (
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.calibration.tracker_field import TrackerErrorField
 from rona_core.devices.samples import ToolTrack
-from rona_core.devices.settings import TrackerSettings
+from rona_core.devices.settings import TrackerPlace, TrackerSettings
 from rona_core.devices.tracker_volumes import FIELD_MM
-from rona_core.errors import RonaError, StaleResultError, StepBlockedError
+from rona_core.errors import RonaError, StaleResultError
 from rona_core.geometry.arrays import Floats, as_points
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.session.captures import PointerCapture, SonoCapture, is_imported
@@ -65,56 +67,111 @@ def base_reference(track: ToolTrack | None, T_base_tracker: Pose) -> BaseReferen
     return BaseReference(T_base_tracker @ seen.T_tracker_basemarker, seen)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Registered:
+    """The registration of the tracker, and what shows whether it stands where it stood then."""
+
+    tool: ToolRegistration
+    place: TrackerPlace | None  # where the tracker was put for it; None: not known
+    use_base_marker: bool  # to find a tracker again that was moved since
+    field: TrackerErrorField
+
+    def reference(self, capture: PointerCapture | SonoCapture) -> TrackerReference:
+        """Return where the tracker was during a stroke of the pointer.
+
+        Raises:
+            StaleResultError: the tracker has moved since, and is not found again.
+        """
+        tool = self.tool
+        registered, track, unseen = tool.base, capture.base, _unseen(tool, capture)
+        if registered is None or track is None or unseen is not None:
+            if self._placed_anew(capture):
+                raise StaleResultError(
+                    f"the tracker was moved since the tool was registered, and {unseen}: uncover "
+                    "it and record the stroke again, or register again"
+                )
+            return _as_registered(tool, "unchecked", None, f"Nobody knows if it moved: {unseen}.")
+        now = seen_base(track.Ts_tracker_marker)
+        movement = detect_tracker_movement(registered.seen, now)
+        if not movement.moved:
+            return _as_registered(
+                tool,
+                "kept",
+                movement,
+                "The base marker stands where it was: the tracker has not moved.",
+            )
+        if not self.use_base_marker:
+            words = f"{moved_words(movement)} since the tool was registered"
+            raise StaleResultError(f"{words}: {REMEDY}")
+        return self._carried(registered, now, movement, capture)
+
+    def _carried(
+        self,
+        registered: BaseReference,
+        now: SeenBase,
+        movement: Movement,
+        capture: PointerCapture | SonoCapture,
+    ) -> TrackerReference:
+        """Return the registration carried along with a tracker that was moved."""
+        tool, field = self.tool, self.field
+        carried = update_registration(
+            tool.T_base_tracker, tool.covariance[:6, :6], registered.seen, now, field
+        )
+        places_tracker = capture.marker.Ts_tracker_marker.translations
+        added_mm = 0.0
+        if len(places_tracker):
+            center = places_tracker.mean(axis=0)
+            at_base = carried.added_sigma_mm((carried.T_base_tracker @ center)[None])[0]
+            added_mm = float(np.hypot(at_base, _field_change_mm(center, movement.T_a_b, field)))
+        return TrackerReference(
+            state="carried",
+            T_base_tracker=carried.T_base_tracker,
+            covariance=carried.covariance,
+            added_mm=added_mm,
+            movement=movement,
+            sentence=(
+                f"{moved_words(movement).capitalize()}: found again by the base marker, which adds "
+                f"an expected error of {added_mm:.2f} mm."
+            ),
+        )
+
+    def _placed_anew(self, capture: PointerCapture | SonoCapture) -> bool:
+        if self.place is None or is_imported(capture):  # an imported one has no known place
+            return False
+        return self.place != capture.tracker_place
+
+
+def error_field(settings: TrackerSettings) -> TrackerErrorField:
+    """Return what is assumed of the fixed error of this tracker."""
+    return TrackerErrorField(FIELD_MM[settings.profile], settings.depth_ratio)
+
+
+TRACKER_FIELD = Input(lambda s: error_field(s.setup.devices.tracker), "choose a tracker (step 1)")
+REGISTERED: Quantity[Registered] = Quantity(
+    Registered,
+    {
+        "tool": result_input("tool"),
+        "place of the tracker": Input(
+            lambda s: None if s.captures.tool is None else s.captures.tool.tracker_place,
+            "register the tool (step 2)",
+            optional=True,
+        ),
+        "use of the base marker": Input(
+            lambda s: s.setup.use_base_marker, "choose the reference (step 1)"
+        ),
+        "field of the tracker": TRACKER_FIELD,
+    },
+)
+
+
 def reference_of(session: Session, capture: PointerCapture | SonoCapture) -> TrackerReference:
     """Return where the tracker was during a stroke of the pointer.
 
     Raises:
         StepBlockedError: the tool is not registered.
-        StaleResultError: the tracker has moved since, and the base marker must or can not help.
+        StaleResultError: the tracker has moved since, and is not found again by the base marker.
     """
-    if session.results.tool is None:
-        raise StepBlockedError("first register the tool")
-    tool = session.results.tool.value
-    registered, track, unseen = tool.base, capture.base, _unseen(tool, capture)
-    if registered is None or track is None or unseen is not None:
-        if _placed_anew(session, capture):
-            raise StaleResultError(
-                f"the tracker was moved since the tool was registered, and {unseen}: uncover it "
-                "and record the stroke again, or register again"
-            )
-        return _as_registered(tool, "unchecked", None, f"Nobody knows if it moved: {unseen}.")
-    now = seen_base(track.Ts_tracker_marker)
-    movement = detect_tracker_movement(registered.seen, now)
-    if not movement.moved:
-        return _as_registered(
-            tool,
-            "kept",
-            movement,
-            "The base marker stands where it was: the tracker has not moved.",
-        )
-    if not session.setup.use_base_marker:
-        raise StaleResultError(f"{moved_words(movement)} since the tool was registered: {REMEDY}")
-    field = error_field(session.setup.devices.tracker)
-    carried = update_registration(
-        tool.T_base_tracker, tool.covariance[:6, :6], registered.seen, now, field
-    )
-    places_tracker = capture.marker.Ts_tracker_marker.translations
-    added_mm = 0.0
-    if len(places_tracker):
-        center = places_tracker.mean(axis=0)
-        at_base = carried.added_sigma_mm((carried.T_base_tracker @ center)[None])[0]
-        added_mm = float(np.hypot(at_base, _field_change_mm(center, movement.T_a_b, field)))
-    return TrackerReference(
-        state="carried",
-        T_base_tracker=carried.T_base_tracker,
-        covariance=carried.covariance,
-        added_mm=added_mm,
-        movement=movement,
-        sentence=(
-            f"{moved_words(movement).capitalize()}: found again by the base marker, which adds an "
-            f"expected error of {added_mm:.2f} mm."
-        ),
-    )
+    return required(REGISTERED, session).reference(capture)
 
 
 def found_again(session: Session, captures: Sequence[PointerCapture | SonoCapture | None]) -> bool:
@@ -187,13 +244,6 @@ def placed_reason(session: Session) -> str | None:
     return None
 
 
-def _placed_anew(session: Session, capture: PointerCapture | SonoCapture) -> bool:
-    registered = session.captures.tool
-    if registered is None or is_imported(capture):  # of those nobody knows
-        return False
-    return registered.tracker_place != capture.tracker_place
-
-
 def _unseen(tool: ToolRegistration, capture: PointerCapture | SonoCapture) -> str | None:
     """Return why the base marker tells nothing about a capture, None if it does."""
     if tool.base is None:
@@ -224,8 +274,3 @@ def _field_change_mm(center_tracker: Floats, T_a_b: Pose, field: TrackerErrorFie
     spread = field.covariance(places)
     change = np.hstack((np.eye(3), -np.eye(3)))
     return float(np.sqrt(max(np.trace(change @ spread @ change.T), 0.0)))
-
-
-def error_field(settings: TrackerSettings) -> TrackerErrorField:
-    """Return what is assumed of the fixed error of this tracker."""
-    return TrackerErrorField(FIELD_MM[settings.profile], settings.depth_ratio)

@@ -11,9 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rona_core.app.dependencies.base_reference import TrackerReference, weakest_reference
+from rona_core.app.dependencies.inputs import required
 from rona_core.app.steps.acoustics.thickness_uncertainty import thickness_shares
+from rona_core.app.steps.pointer.inputs import EVIDENCE
 from rona_core.app.steps.pointer.touched_places import Evidence, repeating_errors
 from rona_core.app.steps.scan.head_view import head_figures
+from rona_core.app.steps.surface.inputs import Strokes
 from rona_core.calibration.error_propagation import MapSetup, predict_map_error
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.calibration.handheld.pointer import PointerCalibration
@@ -62,7 +65,13 @@ def predict_surface(session: Session) -> SurfacePrediction | None:
         return None
     if any(stroke.pointer != pointer.value.pointer for stroke in strokes):
         return None
-    found = _predict(Evidence.of(session), tool.value, pointer.value, cloud.value)
+    found = _predict(
+        required(EVIDENCE, session),
+        tool.value,
+        pointer.value,
+        cloud.value,
+        session.captures.surface,
+    )
     return found if found is None else _moved(found, weakest_reference(session, strokes))
 
 
@@ -84,9 +93,12 @@ def _moved(found: SurfacePrediction, reference: TrackerReference | None) -> Surf
 
 @remember(4)
 def _predict(
-    evidence: Evidence, tool: ToolRegistration, pointer: PointerCalibration, cloud: SurfaceCloud
+    evidence: Evidence,
+    tool: ToolRegistration,
+    pointer: PointerCalibration,
+    cloud: SurfaceCloud,
+    strokes: Strokes,
 ) -> SurfacePrediction | None:
-    strokes = evidence.strokes
     rows, poses = _some_poses(strokes)
     if not len(poses):
         return None

@@ -52,7 +52,7 @@ class ProbeMounting:
 
 def calibrate_mounting(
     tracks: Sequence[AScanTrack],
-    depths_mm: Sequence[float],
+    depths_mm: Sequence[float] | Floats,
     gauge_sigma_mm: float,
     probe: ProbeModel,
     excitation: Excitation,

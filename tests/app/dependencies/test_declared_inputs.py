@@ -55,6 +55,12 @@ def of_device(device: str, **settings: object) -> Change:
     return change
 
 
+def moved(capture):
+    """Return a capture as if the tracker had stood elsewhere."""
+    place = replace(capture.tracker_place, shift_mm=(1.0, 0.0, 0.0))
+    return replace(capture, tracker_place=place)
+
+
 # of every implied input by its key: a change of it, as messages make it
 IMPLIED: dict[str, Change] = {
     "robot": of_device("robot", model="ur10"),
@@ -65,6 +71,12 @@ IMPLIED: dict[str, Change] = {
     "calibrated pointer": of_value("pointer", tip_sigma_mm=lambda v: 2.0),
     "mounting": lambda s: s.with_result("mounting", None),
     "line": lambda s: compute_result(CalibrateDelayLine(), s),
+    "tool": of_value("tool", registration_sigma_mm=lambda v: 2.0),
+    "place of the tracker": lambda s: s.with_capture("tool", moved(s.captures.tool)),
+    "capture of the tool": lambda s: s.with_capture("tool", moved(s.captures.tool)),
+    "capture of the pointer": lambda s: s.with_capture("pointer", moved(s.captures.pointer)),
+    "strokes": lambda s: s.with_capture("surface", (moved(s.captures.surface[0]),)),
+    "demonstration": lambda s: s.with_capture("path", moved(s.captures.path)),
     "errors of the robot": of_device("robot", errors=False),
     "field of the tracker": of_device("tracker", profile="vega"),
     "head": lambda s: s.with_capture(
@@ -78,6 +90,7 @@ FREE: dict[str, Change] = {
     "further correction": lambda s: replace(
         s, boundary_edits=s.boundary_edits.put(CorrectBoundary(3, "second", remove="inner").edit())
     ),
+    "use of the base marker": lambda s: s.with_setup(use_base_marker=not s.setup.use_base_marker),
     "plan": of_value("second", n_before=lambda v: v.n_before + 1),
 }
 

@@ -8,7 +8,7 @@ import pytest
 from rona_core.app.dependencies.requirements import blocked_reason
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.runtime.recompute import replay
-from rona_core.app.steps.implant.burr.derivation import known_burr
+from rona_core.app.steps.implant.burr.inputs import KNOWN_BURR
 from rona_core.app.steps.implant.burr.messages import RegisterBurr, StartBurrCapture
 from rona_core.app.steps.implant.burr.view import burr_view
 from rona_core.app.steps.implant.derivation import execution_error
@@ -139,14 +139,14 @@ def test_a_bed_of_a_file_that_knew_of_no_burr_stays_fresh_until_there_is_one(dem
 
 
 def test_a_bad_or_stale_registration_is_not_used_and_says_so(demo, bench):
-    assert known_burr(demo) is burr_of(demo)
+    assert KNOWN_BURR.read(demo) is burr_of(demo)
     assert "corrected" in burr_view(demo).sentence
     slipped = replace(burr_of(demo), verdict="bad", reasons=("the tip left its seat",))
     bad = demo.with_result("burr", replace(demo.results.get("burr"), value=slipped))
-    assert known_burr(bad) is None
+    assert KNOWN_BURR.read(bad) is None
     assert "left its seat. Not used" in burr_view(bad).sentence
     bench.dispatch(RegisterTool(exclude=(3,)))
-    assert known_burr(bench.session) is None
+    assert KNOWN_BURR.read(bench.session) is None
     assert burr_view(bench.session).verdict == "stale"
     assert burr_view(Session()) is None
 

@@ -7,6 +7,9 @@ import numpy as np
 import pytest
 
 from rona_core.app.declarations.declarations import ActivityContext
+from rona_core.app.dependencies.base_reference import REGISTERED
+from rona_core.app.dependencies.inputs import required
+from rona_core.app.steps.pointer.inputs import POINTER
 from rona_core.app.steps.surface.derivation import tip_track
 from rona_core.app.steps.surface.growing_stroke import StrokeGrower
 from rona_core.app.steps.surface.messages import StartSurfaceCapture
@@ -70,7 +73,8 @@ def test_it_grows_to_the_tips_that_the_capture_has(demo, watched):
     assert len(lengths) > 10
     assert np.all(np.diff(lengths) > 0)
     still = replace(seen, head=None)  # what grows does not know how the head has moved
-    tips = tip_track(demo, still)
+    pointer = required(POINTER, demo)
+    tips = tip_track(still, required(REGISTERED, demo), pointer, None)
     np.testing.assert_allclose(live.grown[-1], tips[: lengths[-1]], atol=1e-9)
     assert lengths[-1] > 0.9 * len(tips)
 

@@ -15,7 +15,7 @@ from rona_core.app.steps.pointer.messages import StartPointerCapture
 from rona_core.app.steps.pointer.pivot_report import report_pivot
 from rona_core.app.steps.recordings.messages import StartPivotImport, StartRecordingImport
 from rona_core.app.steps.setup.messages import SetPointer, SetSeed, SetTracker, SetWorld
-from rona_core.app.steps.surface.derivation import replayed_pointer
+from rona_core.app.steps.surface.growing_stroke import replayed_pointer
 from rona_core.app.steps.surface.messages import StartSurfaceCapture
 from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.compose import new_workbench

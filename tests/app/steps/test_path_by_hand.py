@@ -25,9 +25,8 @@ from rona_core.app.steps.path.messages import (
 from rona_core.app.steps.path.path_checks import check_path, half_turns_deg
 from rona_core.app.steps.pointer.messages import CalibratePointer
 from rona_core.app.steps.setup.messages import SetProbe
-from rona_core.app.steps.smoothing.derivation import path_source
 from rona_core.app.steps.smoothing.messages import SmoothScanPath
-from rona_core.app.steps.smoothing.path_view import path_view, preview_path, quickly
+from rona_core.app.steps.smoothing.path_view import path_view, preview_path, quickly, source_of
 from rona_core.app.steps.surface.messages import BuildSurface
 from rona_core.app.steps.tool.messages import RegisterTool
 from rona_core.errors import (
@@ -255,7 +254,7 @@ def test_a_boundary_that_cuts_the_pattern_is_refused(smoothed):
 def test_the_view_has_the_figures_of_the_result_in_the_plane_of_the_path(smoothed):
     view = path_view(smoothed)
     value = smoothed.results.smoothing.value
-    source = path_source(smoothed, 0.05)
+    source = source_of(smoothed, 0.05)
     found = deviations(source.filtered_base, value.simplified.index)
     assert view.k1_filtered_mm == pytest.approx(found.k1_mm)
     assert (view.exact, view.preview) == (True, False)
@@ -283,7 +282,7 @@ def test_a_preview_keeps_the_bound_changes_nothing_and_follows_changes_by_hand(s
 
 
 def test_a_preview_of_a_long_path_keeps_must_keep_points(smoothed):
-    source = path_source(handle(PinPathSample(7), smoothed), 0.05)
+    source = source_of(handle(PinPathSample(7), smoothed), 0.05)
     assert 7 in quickly(source, 5.0, "k1")
 
 

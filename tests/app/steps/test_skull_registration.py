@@ -17,10 +17,9 @@ from rona_core.app.steps.surface.messages import (
     StartSkullRegistration,
     StartSurfaceCapture,
 )
-from rona_core.app.steps.surface.skull_registration import derive_registration, outer_surface
+from rona_core.app.steps.surface.skull_registration import outer_surface
 from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.compose import new_workbench, read_skull
-from rona_core.devices.protocols import never, silent
 from rona_core.errors import CancelledError, InvalidInputError, StepBlockedError
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
@@ -29,6 +28,7 @@ from rona_core.session.specimen import SimulatedSkull
 from rona_core.virtual.specimen.build_specimen import build_specimen
 from rona_ui.panels.surface import registered as words_of
 from rona_ui.scene.surface import contours
+from tests.helpers.derived import derived
 from tests.helpers.sphere_world import boundary_meshes
 
 pytestmark = pytest.mark.slow
@@ -114,7 +114,7 @@ def test_a_guess_leads_to_the_same_place(registered):
     T_base_skull = registered.results.registration.value.T_b_a.inv()
     off = Pose.from_rotvec((0.02, -0.03, 0.02), (2.0, -1.0, 1.5)) @ T_base_skull
     guess = StartSkullRegistration(guess_wxyz=tuple(off.wxyz()), guess_mm=tuple(off.translation))
-    found = derive_registration(registered, guess, progress=silent, cancel=never)
+    found = derived("registration", registered, guess)
     middle = registered.results.surface.value.points_base.mean(axis=0)
     wanted = registered.results.registration.value.T_b_a @ middle
     np.testing.assert_allclose(found.T_b_a @ middle, wanted, atol=0.1)
@@ -123,7 +123,7 @@ def test_a_guess_leads_to_the_same_place(registered):
 def test_the_truth_is_not_asked(bench, registered):
     """Where the virtual skull lies follows from the seed; the result follows from the cloud."""
     other = replace(registered, setup=replace(registered.setup, seed=99))
-    found = derive_registration(other, StartSkullRegistration(), progress=silent, cancel=never)
+    found = derived("registration", other, StartSkullRegistration())
     np.testing.assert_array_equal(
         found.T_b_a.matrix(), registered.results.registration.value.T_b_a.matrix()
     )
@@ -154,10 +154,8 @@ def test_what_cannot_be_registered_is_refused_by_name(bench, registered):
     plain.close()
     bare = replace(registered, results=replace(registered.results, surface=None))
     with pytest.raises(StepBlockedError, match="sample the surface"):
-        derive_registration(bare, StartSkullRegistration(), progress=silent, cancel=never)
+        derived("registration", bare, StartSkullRegistration())
     with pytest.raises(InvalidInputError, match="both"):
         StartSkullRegistration(guess_mm=(0.0, 0.0, 0.0))
     with pytest.raises(CancelledError):
-        derive_registration(
-            registered, StartSkullRegistration(), progress=silent, cancel=lambda: True
-        )
+        derived("registration", registered, StartSkullRegistration(), cancel=lambda: True)

@@ -4,7 +4,7 @@ import numpy as np
 
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.runtime.free_memory import release_memory
-from rona_core.app.steps.implant.burr.derivation import known_burr
+from rona_core.app.steps.implant.burr.inputs import KNOWN_BURR
 from rona_core.app.steps.implant.implant_bed import LACKS, ImplantBed, PlacedBed, TriedLift
 from rona_core.app.steps.implant.messages import Corners, PlaceBed, StartBedSearch
 from rona_core.app.steps.maps.accuracy import drawn_maps
@@ -58,7 +58,7 @@ def execution_error(session: Session) -> ExecutionError:
     The tip of the burr counts as known as it was registered, and as it comes again. Where nobody
     registered it the spindle is clamped by hand, as the probe is: it may be off as far as that.
     """
-    burr = known_burr(session)
+    burr = KNOWN_BURR.read(session)
     along_mm = SEAT_MM if burr is None else burr.tip_sigma_mm / np.sqrt(3.0)
     sigma_mm = float(np.hypot(along_mm, repeatability_mm(session.setup.devices.robot.model)))
     return ExecutionError(depth_mm=sigma_mm, lateral_mm=sigma_mm)
@@ -163,7 +163,7 @@ def derive_placed(session: Session, message: PlaceBed) -> ImplantBed:
 
 
 def _burr_sigma_mm(session: Session) -> float | None:
-    burr = known_burr(session)
+    burr = KNOWN_BURR.read(session)
     return None if burr is None else burr.tip_sigma_mm
 
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from rona_core.app.dependencies.staleness import session_obstacles
 from rona_core.app.runtime.free_memory import release_memory
-from rona_core.app.steps.implant.burr.derivation import known_burr
+from rona_core.app.steps.implant.burr.inputs import KNOWN_BURR
 from rona_core.app.steps.implant.messages import PlanMilling
 from rona_core.app.steps.implant.milling_plan import MillingPlan
 from rona_core.app.steps.implant.view import MillingView, milling_view
@@ -104,6 +104,6 @@ def robot_path_of(view: MillingView) -> RobotPath:
 def milling_model(session: Session, view: MillingView) -> RobotModel:
     """Return the robot of a session with the spindle in its hand, its tip as registered."""
     largest_mm = max(burr.radius_mm for burr in view.path.burrs)
-    burr = known_burr(session)
+    burr = KNOWN_BURR.read(session)
     offset = (0.0, 0.0, 0.0) if burr is None else tuple(burr.offset_tip.tolist())
     return milling_robot(session.setup.devices.robot.model, largest_mm, offset)

@@ -6,7 +6,7 @@ from rona_core.app.dependencies.inputs import result_input
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.runtime.handling import compute, compute_result, computed, strip_for_worker
 from rona_core.app.steps.implant.bed_lines import BedLines, derive_bed_lines
-from rona_core.app.steps.implant.burr.derivation import KNOWN_BURR
+from rona_core.app.steps.implant.burr.inputs import KNOWN_BURR
 from rona_core.app.steps.implant.derivation import derive_placed, derive_search
 from rona_core.app.steps.implant.implant_bed import ImplantBed
 from rona_core.app.steps.implant.messages import (

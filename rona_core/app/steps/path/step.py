@@ -4,34 +4,32 @@ import numpy as np
 
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext
-from rona_core.app.declarations.inputs import Input
-from rona_core.app.dependencies.base_reference import carried_remark, found_again, placed_reason
-from rona_core.app.dependencies.head_reference import head_input
-from rona_core.app.dependencies.inputs import capture_input, result_input
+from rona_core.app.dependencies.base_reference import carried_remark, placed_reason
+from rona_core.app.dependencies.inputs import result_input
 from rona_core.app.messages.message import Point
+from rona_core.app.runtime.deriving import read_inputs
 from rona_core.app.runtime.handling import record
 from rona_core.app.runtime.recording import capture_stroke
 from rona_core.app.steps.path import messages
-from rona_core.app.steps.path.derivation import derive_path, derive_pattern, is_pattern
+from rona_core.app.steps.path.derivation import draw_pattern, map_path
 from rona_core.app.steps.path.handlers import change_path, compute_path
+from rona_core.app.steps.path.inputs import PATH, PATH_CAPTURE, PatternInputs, is_pattern
 from rona_core.app.steps.path.painting import (
     CLEARANCE_MM,
     HAND_MM,
-    PAINTED,
     clear_painted,
     paint_region,
     require_allowed_picks,
 )
+from rona_core.app.steps.pointer.inputs import POINTER
 from rona_core.app.steps.setup import capture_parts as parts
-from rona_core.app.steps.setup.inputs import CHOOSE_REFERENCE, RADIUS
+from rona_core.app.steps.surface.inputs import SURFACE
 from rona_core.app.steps.surface.messages import MAX_PICKS
+from rona_core.app.steps.tool.inputs import TOOL
 from rona_core.session.captures import PointerCapture
 from rona_core.session.document import Session
 
-PATH_CAPTURE, PATH = capture_input("path"), result_input("path")
-TOOL, POINTER, SURFACE = result_input("tool"), result_input("pointer"), result_input("surface")
 SMOOTHING = result_input("smoothing")
-REFERENCE = Input(lambda s: found_again(s, (s.captures.path,)), CHOOSE_REFERENCE)
 
 
 def capture_path(
@@ -58,7 +56,8 @@ def _within_painted(activity: messages.StartPathCapture, session: Session) -> tu
     if not len(session.painted):
         return ()
     pattern = messages.GenerateScanPattern(spacing_mm=activity.spacing_mm)
-    line = derive_pattern(session, pattern, clearance_mm=CLEARANCE_MM + HAND_MM).points_base
+    known = read_inputs(PatternInputs, session)
+    line = draw_pattern(known, pattern, clearance_mm=CLEARANCE_MM + HAND_MM).points_base
     points = line[:: int(np.ceil(len(line) / MAX_PICKS))]
     return tuple((float(x), float(y), float(z)) for x, y, z in points)
 
@@ -113,25 +112,9 @@ STEP = declare.Step(
         ),
     ),
     results=(
-        declare.Result(
-            "path",
-            messages.BuildPath,
-            derive_path,
-            {
-                "capture": PATH_CAPTURE,
-                "tool": TOOL,
-                "pointer": POINTER,
-                "reference": REFERENCE,
-                "head": head_input("path"),
-            },
-            "demonstrate the path (step 5)",
-        ),
-        declare.Result(
-            "path",
-            messages.GenerateScanPattern,
-            derive_pattern,
-            {"surface": SURFACE, "region": RADIUS, "painted regions": PAINTED},
-            "demonstrate the path (step 5)",
+        declare.Result.of("path", messages.BuildPath, map_path, "demonstrate the path (step 5)"),
+        declare.Result.of(
+            "path", messages.GenerateScanPattern, draw_pattern, "demonstrate the path (step 5)"
         ),
     ),
     line=declare.StepLine(

@@ -9,43 +9,29 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.app.dependencies.base_reference import error_field
-from rona_core.app.dependencies.staleness import made_of
 from rona_core.app.steps.pointer.tracker_field import learned_field, pivot_motion
 from rona_core.app.steps.tool.derivation import repeating_parts
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.calibration.handheld.pointer import PointerCalibration
 from rona_core.calibration.pivot.tip_sensitivity import tip_sensitivity
-from rona_core.calibration.tracker_field import LearnedField
+from rona_core.calibration.tracker_field import LearnedField, TrackerErrorField
 from rona_core.calibration.tracking_error import fit_matrices
 from rona_core.devices.marker_geometry import GEOMETRIES
-from rona_core.devices.settings import DeviceSettings
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.geometry.pose import Poses
 from rona_core.geometry.pose_covariance import cross_matrices, point_jacobians
 from rona_core.session.captures import PointerCapture, ToolCapture
-from rona_core.session.document import Session
 
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """Devices, captures that calibrations were made of, and strokes."""
+    """Robot and tracker, and the captures that calibrations were made of; None: of earlier ones."""
 
-    devices: DeviceSettings
+    robot: str  # its model
+    errors: bool  # whether the robot errs
+    field: TrackerErrorField
     tool: ToolCapture | None
     pointer: PointerCapture | None
-    strokes: tuple[PointerCapture, ...]
-
-    @classmethod
-    def of(cls, session: Session) -> "Evidence":
-        """Return those of a session; None where a calibration was made of an earlier capture."""
-        held, results = session.captures, session.results
-        return cls(
-            session.setup.devices,
-            held.tool if made_of(results.tool, "capture", held.tool) else None,
-            held.pointer if made_of(results.pointer, "capture", held.pointer) else None,
-            held.surface,
-        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,7 +61,7 @@ def repeating_errors(
     to the covariance that the calibration states.
 
     Args:
-        evidence: Devices, and the captures of both calibrations.
+        evidence: Robot, tracker, and the captures of both calibrations.
         tool: Registration of the tracker.
         pointer: Calibration of the pointer.
         poses: Of the pointer's markers in ``tracker`` (n,), at the places.
@@ -83,14 +69,13 @@ def repeating_errors(
     n = len(poses)
     J = point_jacobians(tool.T_base_tracker, poses @ pointer.tip_pointermarker)
     R_base_tracker = tool.T_base_tracker.rotation
-    stated = error_field(evidence.devices.tracker)
+    stated = evidence.field
     field, robot = LearnedField(stated), np.zeros((3 * n, 1))
     registration, tip = tool.covariance, pointer.tip_covariance_pointermarker
     parts = [_at_frames(pointer, poses, R_base_tracker)]
     if evidence.tool is not None and tool.random_covariance is not None:
         registration = tool.random_covariance
-        arm = evidence.devices.robot
-        moved_by, by_robot = repeating_parts(evidence.tool, arm.model, arm.errors, tool)
+        moved_by, by_robot = repeating_parts(evidence.tool, evidence.robot, evidence.errors, tool)
         robot = (J @ by_robot[:6]).reshape(3 * n, -1)
         parts.append((np.einsum("nik,kpl->nipl", J, moved_by.markers[:6]), moved_by.points_tracker))
     if evidence.pointer is not None and pointer.random_covariance is not None:

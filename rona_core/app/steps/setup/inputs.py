@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 from rona_core.app.declarations.inputs import Input
-from rona_core.app.dependencies.base_reference import error_field
 from rona_core.app.dependencies.staleness import session_obstacles
 from rona_core.devices.settings import ROOM_C, ProbeSettings
 from rona_core.session.document import Session
@@ -28,7 +27,6 @@ OBSTACLES = Input(
     counts=lambda s: session_obstacles(s).digest(),
 )
 ROBOT_ERRORS = Input(lambda s: s.setup.devices.robot.errors, "choose a robot (step 1)")
-TRACKER_FIELD = Input(lambda s: error_field(s.setup.devices.tracker), "choose a tracker (step 1)")
 TRACKER_PROFILE = Input(lambda s: s.setup.devices.tracker.profile, "choose a tracker (step 1)")
 CHOOSE_REFERENCE = "choose the reference (step 1)"
 PROBE = Input(lambda s: s.setup.devices.probe, "choose a probe (step 1)")

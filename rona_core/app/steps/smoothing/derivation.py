@@ -4,19 +4,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.app.dependencies.inputs import require_result
-from rona_core.app.steps.path.derivation import is_pattern, viewpoint_base
 from rona_core.app.steps.path.painting import require_none_avoided
+from rona_core.app.steps.smoothing.inputs import SmoothingInputs
 from rona_core.app.steps.smoothing.messages import SmoothScanPath
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.geometry.surface.normals.normals import NormalField
 from rona_core.path.densify import densify, insert_waypoints
-from rona_core.path.manual_edits import EditedPath, distances_to_edited, edit_path
+from rona_core.path.manual_edits import EditedPath, PathEdits, distances_to_edited, edit_path
+from rona_core.path.painted_regions import PaintedRegions
 from rona_core.path.simplification.error_bound import ErrorBound
 from rona_core.path.simplification.simplify import SimplifiedPath, simplify
 from rona_core.path.temporal_filter import filter_path
-from rona_core.session.document import Session, SmoothPath
+from rona_core.session.captures import PointerCapture
+from rona_core.session.document import RawPath, SmoothPath
 
 DOUBTFUL = ("one_sided", "uncertain")  # flags of normals that serve where there are no better
 
@@ -30,29 +31,34 @@ class PathSource:
     edited: EditedPath
 
 
-def path_source(session: Session, filter_s: float) -> PathSource:
+def path_source(
+    path: RawPath, demonstrated: PointerCapture | None, edits: PathEdits, filter_s: float
+) -> PathSource:
     """Return what is smoothed.
 
+    Args:
+        path: As demonstrated, or drawn by rule.
+        demonstrated: The stroke; None of a pattern, which has no tremor.
+        edits: Changes by hand.
+        filter_s: Standard deviation of the filter.
+
     Raises:
-        StepBlockedError: there is no path yet.
         InvalidInputError: the changes by hand are of another path.
     """
-    raw = require_result(session.results.path, "demonstrate the scan path").value.points_base
-    filtered = raw
-    if filter_s > 0 and not is_pattern(session):  # a pattern has no tremor
-        capture = require_result(session.captures.path, "demonstrate the scan path")
-        filtered = filter_path(raw, capture.marker.times_s, sigma_s=filter_s)
-    return PathSource(raw, filtered, edit_path(filtered, session.path_edits.changes))
+    raw = filtered = path.points_base
+    if filter_s > 0 and demonstrated is not None:
+        filtered = filter_path(raw, demonstrated.marker.times_s, sigma_s=filter_s)
+    return PathSource(raw, filtered, edit_path(filtered, edits.changes))
 
 
-def derive_smoothing(session: Session, message: SmoothScanPath) -> SmoothPath:
+def smooth_path(known: SmoothingInputs, message: SmoothScanPath) -> SmoothPath:
     """Filter and thin the path, find normals in the cloud and interpolate densely.
 
     Raises:
         DegenerateGeometryError: the cloud is too thin around a path point.
         InvalidInputError: the path comes into a region to avoid.
     """
-    source = path_source(session, message.filter_s)
+    source = path_source(known.path, known.demonstrated, known.edits, message.filter_s)
     edited = source.edited
     simplified = simplify(
         edited.points_base,
@@ -60,11 +66,11 @@ def derive_smoothing(session: Session, message: SmoothScanPath) -> SmoothPath:
         method=message.method,
         keep=edited.keep,
     )
-    return finished_path(session, message, source, simplified)
+    return finished_path(known, message, source, simplified)
 
 
 def finished_path(
-    session: Session, message: SmoothScanPath, source: PathSource, simplified: SimplifiedPath
+    known: SmoothingInputs, message: SmoothScanPath, source: PathSource, simplified: SimplifiedPath
 ) -> SmoothPath:
     """Give a thinned path its normals, and interpolate it densely.
 
@@ -72,16 +78,15 @@ def finished_path(
         DegenerateGeometryError: the cloud is too thin around a path point.
         InvalidInputError: the path comes into a region to avoid.
     """
-    cloud = require_result(session.results.surface, "sample the surface").value
     corners = source.edited.points_base[simplified.index]
     places = corners
     if message.normal_step_mm > 0:
         places = insert_waypoints(corners, message.normal_step_mm)
-    measured = cloud.points_base
-    if not is_pattern(session):  # what was put in by hand or by rule measures nothing
+    measured = known.cloud.points_base
+    if known.demonstrated is not None:  # what was put in by hand or by rule measures nothing
         measured = np.vstack((measured, source.filtered_base))
     field = NormalField(measured, message.normal_radius_mm)
-    normals = field.normals(places, method=message.normal_method, viewpoint=viewpoint_base(session))
+    normals = field.normals(places, method=message.normal_method, viewpoint=known.viewpoint)
     bad = [i for flag, where in normals.refused.items() if flag not in DOUBTFUL for i in where]
     if bad:
         first = min(bad)
@@ -92,7 +97,7 @@ def finished_path(
             "sample the surface there or enlarge the radius"
         )
     kept, path = simplified.index, densify(places, -normals.normals)
-    require_none_avoided(session.painted, path.points_base)
+    require_none_avoided(known.painted or PaintedRegions(), path.points_base)
     return SmoothPath(
         simplified=simplified,
         normals=normals,

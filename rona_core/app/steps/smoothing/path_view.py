@@ -5,8 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from rona_core.app.dependencies.inputs import required
 from rona_core.app.messages.serialization import message_from
-from rona_core.app.steps.path.derivation import viewpoint_base
+from rona_core.app.steps.path.inputs import DEMONSTRATED, PATH, VIEWPOINT
 from rona_core.app.steps.smoothing.derivation import PathSource, path_source
 from rona_core.app.steps.smoothing.messages import SmoothScanPath
 from rona_core.errors import RonaError
@@ -144,15 +145,21 @@ def tangent_pose(session: Session, points_base: Floats) -> Pose:
     center = points_base.mean(axis=0)
     try:
         normal = fit_plane(points_base).normal
-        outward = normal @ (viewpoint_base(session) - center)
+        outward = normal @ (required(VIEWPOINT, session) - center)
     except RonaError:  # a straight path, or no tool: any plane will do
         normal, outward = np.array((0.0, 0.0, 1.0)), 1.0
     return patch_pose(center, normal if outward >= 0.0 else -normal)
 
 
+def source_of(session: Session, filter_s: float) -> PathSource:
+    """Return what is smoothed; errors as of `path_source`."""
+    path, demonstrated = required(PATH, session), DEMONSTRATED.read(session)
+    return path_source(path, demonstrated, session.path_edits, filter_s)
+
+
 def _source(session: Session, filter_s: float) -> PathSource:
     return _SOURCES.get(
         (session.results.path, session.path_edits),
-        lambda: path_source(session, filter_s),
+        lambda: source_of(session, filter_s),
         filter_s,
     )

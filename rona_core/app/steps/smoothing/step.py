@@ -1,16 +1,15 @@
 """Smoothing: fewest points within a bound, surface normals, dense 5D path."""
 
 from rona_core.app.declarations import declarations as declare
-from rona_core.app.declarations.inputs import Input
 from rona_core.app.dependencies.inputs import result_input
 from rona_core.app.runtime.handling import compute_result
-from rona_core.app.steps.path.painting import PAINTED
-from rona_core.app.steps.smoothing.derivation import derive_smoothing
+from rona_core.app.steps.path.inputs import PATH
+from rona_core.app.steps.smoothing.derivation import smooth_path
 from rona_core.app.steps.smoothing.messages import SmoothScanPath
+from rona_core.app.steps.surface.inputs import SURFACE
 from rona_core.session.document import Session
 
-SMOOTHING, PATH, SURFACE = (result_input(name) for name in ("smoothing", "path", "surface"))
-EDITS = Input(lambda s: s.path_edits, "smooth the path (step 6)")
+SMOOTHING = result_input("smoothing")
 
 
 def _summary(session: Session) -> str:
@@ -27,13 +26,7 @@ STEP = declare.Step(
     "smoothing",
     commands=(declare.Command(SmoothScanPath, compute_result, needs=(PATH, SURFACE)),),
     results=(
-        declare.Result(
-            "smoothing",
-            SmoothScanPath,
-            derive_smoothing,
-            {"path": PATH, "surface": SURFACE, "edits": EDITS, "painted regions": PAINTED},
-            "smooth the path (step 6)",
-        ),
+        declare.Result.of("smoothing", SmoothScanPath, smooth_path, "smooth the path (step 6)"),
     ),
     line=declare.StepLine(
         "Smoothing", _summary, SmoothScanPath, leaves=lambda session: (SMOOTHING,)

@@ -9,7 +9,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from rona_core.app.dependencies.base_reference import reference_of
+from rona_core.app.dependencies.inputs import required
+from rona_core.app.steps.pointer.inputs import POINTER
 from rona_core.app.steps.surface.derivation import tip_of
+from rona_core.devices.live import LiveState
 from rona_core.devices.samples import ToolTrack, TrackerFrame
 from rona_core.errors import RonaError
 from rona_core.geometry.arrays import Floats, readonly
@@ -55,4 +58,18 @@ class StrokeGrower:
         )
         if self._T_base_tracker is None:
             self._T_base_tracker = reference_of(self._session, stroke).T_base_tracker
-        return self._T_base_tracker @ tip_of(self._session, stroke)
+        return self._T_base_tracker @ tip_of(required(POINTER, self._session), stroke)
+
+
+def replayed_pointer(session: Session, live: LiveState) -> Pose | None:
+    """Return where a recording under way shows the pointer, ``T_base_pointermarker``.
+
+    None while none is played, the tool is not seen, or the tracker is not registered.
+    """
+    registered = session.results.tool
+    if live.origin != "REPLAY" or live.frame is None or registered is None:
+        return None
+    sample = live.frame.tools[0]
+    if sample.T_tracker_marker is None:
+        return None
+    return registered.value.T_base_tracker @ sample.T_tracker_marker

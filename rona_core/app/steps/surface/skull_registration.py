@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rona_core.app.dependencies.inputs import require_result
+from rona_core.app.steps.surface.inputs import SkullInputs
 from rona_core.app.steps.surface.messages import StartSkullRegistration
 from rona_core.calibration.surface_registration import (
     Closest,
@@ -20,8 +20,7 @@ from rona_core.devices.protocols import Cancel, Progress
 from rona_core.errors import DegenerateGeometryError, StepBlockedError
 from rona_core.geometry.arrays import Floats, Vector3
 from rona_core.geometry.pose import Pose
-from rona_core.session.document import Session
-from rona_core.session.specimen import LoadedSkull
+from rona_core.session.specimen import LoadedSkull, SimulatedSkull
 
 NORMAL_PATCH_MM = 10.0  # over which the normals at the middle of the region are averaged
 COARSE_POINTS = 300  # of the cloud, while the turns are tried
@@ -52,8 +51,8 @@ def outer_surface(skull: LoadedSkull) -> tuple[Floats, Floats]:
     return points, (slope[there] / steep[there, None]) @ skull.axes_skull.T
 
 
-def derive_registration(
-    session: Session, message: StartSkullRegistration, *, progress: Progress, cancel: Cancel
+def register_skull(
+    known: SkullInputs, message: StartSkullRegistration, *, progress: Progress, cancel: Cancel
 ) -> SurfaceRegistration:
     """Return ``T_skull_base`` (``T_b_a``: a is base, b is the file of the skull) of the cloud.
 
@@ -63,16 +62,14 @@ def derive_registration(
         DegenerateGeometryError: no start lays the points onto the skull.
         CancelledError: ``cancel`` returned True.
     """
-    skull = require_loaded(session)
-    cloud = require_result(session.results.surface, "sample the surface").value
-    points_base = cloud.points_base
+    skull, points_base = require_loaded(known.skull), known.cloud.points_base
     points_skull, normals_skull = outer_surface(skull)
     surface = point_surface(points_skull, normals_skull)
     if message.guess_wxyz is not None and message.guess_mm is not None:
         guess = Pose.from_wxyz(message.guess_wxyz, message.guess_mm).inv()
         return register_surface(points_base, surface, start=guess, cancel=cancel, progress=progress)
-    center_base, normal_base = _middle_of_cloud(session, points_base)
-    center_skull = session.setup.region.center_mesh_mm or skull.center_skull
+    center_base, normal_base = _middle_of_cloud(known, points_base)
+    center_skull = known.region.center_mesh_mm or skull.center_skull
     away = np.linalg.norm(points_skull - center_skull, axis=1)
     foot_skull = points_skull[away.argmin()]
     normal_skull = normals_skull[away <= NORMAL_PATCH_MM + away.min()].mean(axis=0)
@@ -137,18 +134,17 @@ def _apart_deg(one: SurfaceRegistration, other: SurfaceRegistration) -> float:
     return float(np.rad2deg(np.arccos(np.clip((np.trace(turn) - 1.0) / 2.0, -1.0, 1.0))))
 
 
-def _middle_of_cloud(session: Session, points_base: Floats) -> tuple[Vector3, Vector3]:
+def _middle_of_cloud(known: SkullInputs, points_base: Floats) -> tuple[Vector3, Vector3]:
     """Return the point in the middle of the cloud, and the outward normal of its plane.
 
     Outward is where the markers of the pointer were.
     """
-    tool = require_result(session.results.tool, "register the tool").value
-    strokes = require_result(session.captures.surface, "slide the pointer over the skull")
-    markers = np.vstack([stroke.marker.Ts_tracker_marker.translations for stroke in strokes])
+    seen = [stroke.marker.Ts_tracker_marker.translations for stroke in known.strokes]
+    markers = np.vstack(seen)
     mean = points_base.mean(axis=0)
     middle = points_base[np.linalg.norm(points_base - mean, axis=1).argmin()]
     normal = np.linalg.svd(points_base - mean, full_matrices=False)[2][2]
-    outward = tool.T_base_tracker @ markers.mean(axis=0) - middle
+    outward = known.tool.T_base_tracker @ markers.mean(axis=0) - middle
     return middle, normal if normal @ outward > 0.0 else -normal
 
 
@@ -170,13 +166,12 @@ def _upright(normal: Vector3) -> Floats:
     return np.column_stack((x, np.cross(z, x), z))
 
 
-def require_loaded(session: Session) -> LoadedSkull:
-    """Return the loaded skull of a session.
+def require_loaded(skull: SimulatedSkull | LoadedSkull) -> LoadedSkull:
+    """Return a loaded skull.
 
     Raises:
         StepBlockedError: a simulated skull lies on the table.
     """
-    skull = session.setup.specimen
     if not isinstance(skull, LoadedSkull):
         raise StepBlockedError(
             "the registration of the skull needs a loaded CT, mask or mesh: a simulated skull has "

@@ -5,25 +5,21 @@ from functools import partial
 
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext, Message
-from rona_core.app.declarations.inputs import Input
-from rona_core.app.dependencies.base_reference import carried_remark, found_again, placed_reason
-from rona_core.app.dependencies.inputs import capture_input, result_input
+from rona_core.app.dependencies.base_reference import carried_remark, placed_reason
 from rona_core.app.messages.message import StoreCapture
 from rona_core.app.runtime.handling import compute, compute_result
 from rona_core.app.runtime.recording import capture_stroke, part_of
+from rona_core.app.steps.pointer.inputs import POINTER
 from rona_core.app.steps.setup import capture_parts as parts
-from rona_core.app.steps.setup.inputs import CHOOSE_REFERENCE, REGION, SKULL
 from rona_core.app.steps.surface import messages
-from rona_core.app.steps.surface.derivation import derive_surface
-from rona_core.app.steps.surface.skull_registration import derive_registration, require_loaded
+from rona_core.app.steps.surface.derivation import build_surface
+from rona_core.app.steps.surface.inputs import SURFACE, SURFACE_CAPTURE
+from rona_core.app.steps.surface.skull_registration import register_skull, require_loaded
+from rona_core.app.steps.tool.inputs import TOOL
 from rona_core.session.captures import PointerCapture
 from rona_core.session.document import Session
 
-SURFACE_CAPTURE, SURFACE = capture_input("surface"), result_input("surface")
 SHORTEST_S = 1.0  # of a stroke
-TOOL, POINTER = result_input("tool"), result_input("pointer")
-# False where the tracker has moved and may not be found again; it counts for nothing else
-REFERENCE = Input(lambda s: found_again(s, s.captures.surface), CHOOSE_REFERENCE)
 
 
 def record_strokes(
@@ -66,7 +62,7 @@ def place_stroke(session: Session, capture: PointerCapture, append: bool) -> obj
 
 
 def _require_loaded(activity: messages.StartSkullRegistration, session: Session) -> None:
-    require_loaded(session)
+    require_loaded(session.setup.specimen)
 
 
 def _summary(session: Session) -> str:
@@ -111,23 +107,13 @@ STEP = declare.Step(
         ),
     ),
     results=(
-        declare.Result(
-            "surface",
-            messages.BuildSurface,
-            derive_surface,
-            {
-                "capture": SURFACE_CAPTURE,
-                "tool": TOOL,
-                "pointer": POINTER,
-                "reference": REFERENCE,
-            },
-            "sample the surface (step 4)",
+        declare.Result.of(
+            "surface", messages.BuildSurface, build_surface, "sample the surface (step 4)"
         ),
-        declare.Result(
+        declare.Result.of(
             "registration",
             messages.StartSkullRegistration,
-            derive_registration,
-            {"surface": SURFACE, "skull": SKULL, "region": REGION},
+            register_skull,
             "register the skull (step 4)",
         ),
     ),

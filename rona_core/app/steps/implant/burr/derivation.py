@@ -4,10 +4,7 @@ from typing import Literal
 
 import numpy as np
 
-from rona_core.app.declarations.inputs import Input
-from rona_core.app.dependencies.base_reference import error_field
-from rona_core.app.dependencies.inputs import require_result
-from rona_core.app.dependencies.judged import usable
+from rona_core.app.steps.implant.burr.inputs import BurrInputs
 from rona_core.app.steps.implant.burr.messages import RegisterBurr
 from rona_core.app.steps.implant.burr.registration import BurrRegistration
 from rona_core.app.steps.tool.derivation import (
@@ -17,18 +14,14 @@ from rona_core.app.steps.tool.derivation import (
 )
 from rona_core.calibration.hand_eye.hand_eye import TOOL_MARKERS
 from rona_core.calibration.hand_eye.seated_tip import SeatedTip, solve_seated_tip
-from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.calibration.pivot.pivot_calibration import solve_pivot
 from rona_core.calibration.pivot.tip_sensitivity import PivotMotion, tip_sensitivity
 from rona_core.calibration.tracker_field import LearnedField
-from rona_core.devices.settings import DeviceSettings
 from rona_core.errors import RonaError
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.geometry.pose import Poses
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.link_errors import ROBOT_ACCURACY_MM, link_errors
-from rona_core.session.captures import ToolCapture
-from rona_core.session.document import Session
 
 # Assumed, per axis: a shank in a collet runs out by some hundredths of a millimetre, and the pin
 # that was registered does so as the burr does that takes its place.
@@ -39,25 +32,21 @@ FURTHEST_MM = 3.0  # a spindle so far off its drawing is not clamped as it shoul
 TOLD_SIGMAS = 2.5  # 3D: robot and tracker this far apart do not speak of one tip
 
 
-def derive_burr(session: Session, message: RegisterBurr) -> BurrRegistration:
+def register_burr(known: BurrInputs, message: RegisterBurr) -> BurrRegistration:
     """Return where the seat held the tip, with its error, beside where the tracker puts it.
 
     Raises:
         InvalidInputError: too few poses, or one to be left out that there is not.
         DegenerateGeometryError: the tracker saw the marker at none, or the spindle hardly turned.
     """
-    capture: ToolCapture = require_result(
-        session.captures.get("burr"), "turn the burr in its seat (step 10)"
-    )
-    tool = require_result(session.results.tool, "register the tool (step 2)").value
-    model = robot_model(session.setup.devices.robot.model)
-    qs_rad, markers, _ = tool_dwells(capture, model)
+    model = robot_model(known.robot)
+    qs_rad, markers, _ = tool_dwells(known.capture, model)
     tips = model.forward(qs_rad) @ model.T_flange_tip
     found = solve_seated_tip(tips, excluded_mask(message.exclude, len(tips)))
-    by_links = _by_links(session.setup.devices, qs_rad, found)
+    by_links = _by_links(known, qs_rad, found)
     covariance = found.covariance + by_links @ by_links.T + CHUCK_MM**2 * np.eye(3)
     sigma_mm = float(np.sqrt(np.trace(covariance)))
-    seen = _by_tracker(session.setup.devices, markers.select(found.used), tool)
+    seen = _by_tracker(known, markers.select(found.used))
     distance_mm = distance_sigma_mm = None
     if seen is not None:
         offset, of_tracker = seen
@@ -80,18 +69,16 @@ def derive_burr(session: Session, message: RegisterBurr) -> BurrRegistration:
     )
 
 
-def _by_links(devices: DeviceSettings, qs_rad: Floats, found: SeatedTip) -> Floats:
+def _by_links(known: BurrInputs, qs_rad: Floats, found: SeatedTip) -> Floats:
     """Return what errors of the links do to the offset (3, 36), as the robot is stated."""
-    model = robot_model(devices.robot.model)
-    accuracy_mm = ROBOT_ACCURACY_MM if devices.robot.errors else 0.0
+    model = robot_model(known.robot)
+    accuracy_mm = ROBOT_ACCURACY_MM if known.errors else 0.0
     links = link_errors(model, qs_rad[found.used], model.T_flange_tip, accuracy_mm)
     moved = np.einsum("knj,njl->kl", found.by_robot[:, found.used], links[:, 3:])
     return worse_half(moved, moved)
 
 
-def _by_tracker(
-    devices: DeviceSettings, markers: Poses, tool: ToolRegistration
-) -> tuple[Floats, Floats] | None:
+def _by_tracker(known: BurrInputs, markers: Poses) -> tuple[Floats, Floats] | None:
     """Return the offset (3,) that the marker tells, and its covariance (3, 3); None if it does not.
 
     The marker swings about the seat, and step 2 says where the drawn tip is in it. What the links
@@ -105,7 +92,7 @@ def _by_tracker(
         markers.select(swung.used), TOOL_MARKERS, 6, swung.tip_marker, swung.pivot_tracker
     )
     moved = tip_sensitivity(motion)
-    field = LearnedField(error_field(devices.tracker))
+    field, tool = LearnedField(known.field), known.tool
     spread = swung.covariance[:3, :3] + field.propagate(moved.tip, moved.points_tracker)
     T_tip_toolmarker = tool.T_toolmarker_tip.inv()
     R = T_tip_toolmarker.rotation
@@ -137,11 +124,3 @@ def _judge(
     if slipped or off_mm > FURTHEST_MM or sigma_mm > WEAK_MM:
         return "bad", tuple(reasons)
     return ("weak" if reasons else "good"), tuple(reasons)
-
-
-def known_burr(session: Session) -> BurrRegistration | None:
-    """Return the registration of the burr, unless it is stale or bad."""
-    return usable("burr", session.results.get("burr"), session)
-
-
-KNOWN_BURR = Input(known_burr, "register the burr (step 10)", optional=True)

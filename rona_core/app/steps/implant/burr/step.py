@@ -1,17 +1,14 @@
 """Burr: the tip of the spindle registered in a seat, before a bed is laid and milled."""
 
 from rona_core.app.declarations import declarations as declare
-from rona_core.app.dependencies.inputs import capture_input, result_input
 from rona_core.app.runtime.handling import compute_result, record
 from rona_core.app.steps.implant.burr.capture import capture_burr
-from rona_core.app.steps.implant.burr.derivation import derive_burr
+from rona_core.app.steps.implant.burr.derivation import register_burr
+from rona_core.app.steps.implant.burr.inputs import BURR_CAPTURE
 from rona_core.app.steps.implant.burr.messages import RegisterBurr, StartBurrCapture
-from rona_core.app.steps.implant.burr.registration import BurrRegistration
 from rona_core.app.steps.setup import capture_parts as parts
-from rona_core.app.steps.setup.inputs import MODEL
+from rona_core.app.steps.tool.inputs import TOOL
 from rona_core.session.captures import ToolCapture
-
-BURR_CAPTURE, TOOL = capture_input("burr"), result_input("tool")
 
 STEP = declare.Step(
     "burr",
@@ -36,13 +33,6 @@ STEP = declare.Step(
         ),
     ),
     results=(
-        declare.Result(
-            "burr",
-            RegisterBurr,
-            derive_burr,
-            {"capture": BURR_CAPTURE, "tool": TOOL, "robot": MODEL},
-            "register the burr (step 10)",
-            types=(BurrRegistration,),
-        ),
+        declare.Result.of("burr", RegisterBurr, register_burr, "register the burr (step 10)"),
     ),
 )

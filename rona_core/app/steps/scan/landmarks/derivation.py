@@ -4,10 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.app.dependencies.base_reference import reference_of
-from rona_core.app.dependencies.inputs import require_result
-from rona_core.app.steps.pointer.touched_places import Evidence, repeating_errors
-from rona_core.app.steps.scan.landmarks.capture import LandmarkCapture
+from rona_core.app.steps.pointer.touched_places import repeating_errors
+from rona_core.app.steps.scan.landmarks.inputs import LandmarkInputs, OverrideInputs
 from rona_core.app.steps.scan.landmarks.messages import OverrideLandmarks, VerifyLandmarks
 from rona_core.calibration.error_propagation import pose_covariance
 from rona_core.calibration.hand_eye.robot_accuracy import score_of_links
@@ -22,7 +20,6 @@ from rona_core.geometry.pose import Poses
 from rona_core.geometry.pose_covariance import point_jacobians
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.link_errors import ROBOT_ACCURACY_MM, link_errors
-from rona_core.session.document import Session
 
 SEAT_MM = 0.1  # 3D RMS of a tip in a divot: of the robot's tip, and of the pointer's
 MIN_SIGMA_MM = 1e-3  # of a marker, where a perfect tracker leaves no scatter
@@ -43,24 +40,22 @@ class Touched:
     frames: Ints  # (k,) that each is the mean of
 
 
-def derive_landmarks(session: Session, message: VerifyLandmarks) -> LandmarkCheck:
+def compare_landmarks(known: LandmarkInputs, message: VerifyLandmarks) -> LandmarkCheck:
     """Compare the landmarks, and predict how far apart they should be.
 
     Raises:
-        StepBlockedError: nothing is registered, or the pointer on them is another one.
+        StepBlockedError: the pointer on them is another one.
         StaleResultError: the tracker has moved since the registration, and is not found again.
         DegenerateGeometryError: the pointer was seen on too few of them.
     """
-    capture = landmark_capture(session)
-    tool = require_result(session.results.tool, "register the tool (step 2)").value
-    pointer = require_result(session.results.pointer, "calibrate the pointer (step 3)").value
+    capture, pointer = known.capture, known.pointer
     if pointer.pointer != capture.stroke.pointer:
         raise StepBlockedError(
             f"the landmarks were touched with {capture.stroke.pointer}, but {pointer.pointer} is "
             "calibrated: verify again"
         )
-    reference = reference_of(session, capture.stroke)
-    model = robot_model(session.setup.devices.robot.model)
+    reference = known.registered.reference(capture.stroke)
+    model = robot_model(known.evidence.robot)
     robot_base = (model.forward(capture.qs_rad) @ model.T_flange_tip).translations
     times_s, track = capture.stroke.marker.times_s, capture.stroke.marker.Ts_tracker_marker
     inside = [
@@ -75,7 +70,7 @@ def derive_landmarks(session: Session, message: VerifyLandmarks) -> LandmarkChec
     )
     pointer_base = np.array(robot_base)
     pointer_base[seen] = reference.T_base_tracker @ (touched.poses @ pointer.tip_pointermarker)
-    rest, links = _expected(session, capture.qs_rad[seen], touched, tool, pointer)
+    rest, links = _expected(known, capture.qs_rad[seen], touched)
     rest = rest + reference.added_mm**2 / 3.0 * np.eye(len(rest))
     variances = (rest + links @ links.T).diagonal().reshape(-1, 3).sum(axis=1)
     sigmas_mm = np.zeros(len(seen))
@@ -92,18 +87,9 @@ def derive_landmarks(session: Session, message: VerifyLandmarks) -> LandmarkChec
     )
 
 
-def derive_override(session: Session, message: OverrideLandmarks) -> LandmarkOverride:
+def override(known: OverrideInputs, message: OverrideLandmarks) -> LandmarkOverride:
     """Keep why the robot may scan without a verification that passed."""
     return LandmarkOverride(message.reason.strip())
-
-
-def landmark_capture(session: Session) -> LandmarkCapture:
-    """Return the pointer on the landmarks.
-
-    Raises:
-        StepBlockedError: nobody recorded it.
-    """
-    return require_result(session.captures.get("landmarks"), "hold the pointer on the landmarks")
 
 
 def _contradiction(apart_base: Floats, links: Floats, rest: Floats) -> str:
@@ -116,13 +102,7 @@ def _contradiction(apart_base: Floats, links: Floats, rest: Floats) -> str:
     return test.words(ROBOT_ACCURACY_MM, "the distances of the landmarks")
 
 
-def _expected(
-    session: Session,
-    qs_rad: Floats,
-    touched: Touched,
-    tool: ToolRegistration,
-    pointer: PointerCalibration,
-) -> tuple[Floats, Floats]:
+def _expected(known: LandmarkInputs, qs_rad: Floats, touched: Touched) -> tuple[Floats, Floats]:
     """Return what is expected of pointer less robot at the landmarks.
 
     What the links of the robot do to the registration and to the touched postures goes together
@@ -132,13 +112,14 @@ def _expected(
         The covariance (3 k, 3 k) without that of the links, in mm^2, and the distances in ``base``
         (3 k, m) by m independent standard normal errors of the links.
     """
-    k, poses, devices = len(touched.poses), touched.poses, session.setup.devices
+    k, poses, evidence = len(touched.poses), touched.poses, known.evidence
+    tool, pointer = known.registered.tool, known.pointer
     R_base_marker = tool.T_base_tracker.rotation @ poses.rotations
     J = point_jacobians(tool.T_base_tracker, poses @ pointer.tip_pointermarker).reshape(3 * k, 6)
     turns = R_base_marker.reshape(3 * k, 3)
-    repeating = repeating_errors(Evidence.of(session), tool, pointer, poses)
-    model = robot_model(devices.robot.model)
-    accuracy_mm = ROBOT_ACCURACY_MM if devices.robot.errors else 0.0
+    repeating = repeating_errors(evidence, tool, pointer, poses)
+    model = robot_model(evidence.robot)
+    accuracy_mm = ROBOT_ACCURACY_MM if evidence.errors else 0.0
     links = repeating.links
     if links.shape[1] == 36 and accuracy_mm > 0.0:
         links = links + link_errors(model, qs_rad, model.T_flange_tip, accuracy_mm)[:, 3:].reshape(

@@ -1,34 +1,22 @@
 """Landmarks: tracker registration and pointer verified against the robot, before it may scan."""
 
 from rona_core.app.declarations import declarations as declare
-from rona_core.app.declarations.inputs import Input
-from rona_core.app.dependencies.base_reference import found_again, placed_reason
-from rona_core.app.dependencies.inputs import capture_input, result_input
+from rona_core.app.dependencies.base_reference import placed_reason
 from rona_core.app.runtime.handling import compute_result, record
+from rona_core.app.steps.pointer.inputs import POINTER
 from rona_core.app.steps.scan.landmarks.capture import LandmarkCapture, capture_landmarks
 from rona_core.app.steps.scan.landmarks.derivation import (
-    LandmarkOverride,
-    derive_landmarks,
-    derive_override,
+    compare_landmarks,
+    override,
 )
+from rona_core.app.steps.scan.landmarks.inputs import LANDMARKS_CAPTURE
 from rona_core.app.steps.scan.landmarks.messages import (
     OverrideLandmarks,
     StartLandmarkCapture,
     VerifyLandmarks,
 )
 from rona_core.app.steps.setup import capture_parts as parts
-from rona_core.app.steps.setup.inputs import CHOOSE_REFERENCE
-from rona_core.calibration.landmark_check import LandmarkCheck
-from rona_core.session.document import Session
-
-LANDMARKS_CAPTURE = capture_input("landmarks")
-TOOL, POINTER = result_input("tool"), result_input("pointer")
-
-
-def _found_again(session: Session) -> bool:
-    held: LandmarkCapture | None = session.captures.get("landmarks")
-    return held is None or found_again(session, (held.stroke,))
-
+from rona_core.app.steps.tool.inputs import TOOL
 
 STEP = declare.Step(
     "landmarks",
@@ -60,30 +48,11 @@ STEP = declare.Step(
         ),
     ),
     results=(
-        declare.Result(
-            "landmarks",
-            VerifyLandmarks,
-            derive_landmarks,
-            {
-                "capture": LANDMARKS_CAPTURE,
-                "tool": TOOL,
-                "pointer": POINTER,
-                "reference": Input(_found_again, CHOOSE_REFERENCE),
-            },
-            "verify on landmarks (step 8)",
-            types=(LandmarkCheck,),
+        declare.Result.of(
+            "landmarks", VerifyLandmarks, compare_landmarks, "verify on landmarks (step 8)"
         ),
-        declare.Result(
-            "override",
-            OverrideLandmarks,
-            derive_override,
-            {
-                "landmarks": result_input("landmarks", optional=True),
-                "tool": TOOL,
-                "pointer": POINTER,
-            },
-            "override the verification (step 8)",
-            types=(LandmarkOverride,),
+        declare.Result.of(
+            "override", OverrideLandmarks, override, "override the verification (step 8)"
         ),
     ),
 )
