@@ -1,13 +1,15 @@
 """Inputs of the scan path, and what others take from it."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from rona_core.app.declarations.inputs import Input, Quantity, given, inputs
 from rona_core.app.dependencies.base_reference import REGISTERED, Registered, found_again
-from rona_core.app.dependencies.head_reference import HeadReference, head_input
+from rona_core.app.dependencies.head_reference import HeadReference, head_input, head_of
 from rona_core.app.dependencies.inputs import capture_input, result_input
+from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.path.messages import GenerateScanPattern
 from rona_core.app.steps.path.painting import PAINTED
 from rona_core.app.steps.pointer.inputs import POINTER
@@ -55,6 +57,11 @@ VIEWPOINT: Quantity[Vector3] = Quantity(
     _viewpoint_of_path,
     {"registered": REGISTERED, "demonstration": DEMONSTRATED, "strokes": SURFACE_CAPTURE},
 )
+# how the head lay in strokes of another set-up is no reference for this one
+HEAD: Input[HeadReference] = replace(
+    head_input("path"),
+    read=lambda s: None if stale_reason("capture surface", s) else head_of(s),
+)
 OF_REGISTRATION = ("place of the tracker", "field of the tracker")
 
 
@@ -66,7 +73,7 @@ class PathInputs:
     registered: Registered = given(REGISTERED)
     pointer: PointerCalibration = given(POINTER, "pointer")
     found_again: bool = given(REFERENCE, "reference")
-    head: HeadReference | None = given(head_input("path"), "head")
+    head: HeadReference | None = given(HEAD, "head")
 
 
 @inputs(implied=("tool", "strokes", *OF_REGISTRATION), free=("use of the base marker",))
