@@ -57,11 +57,14 @@ VIEWPOINT: Quantity[Vector3] = Quantity(
     _viewpoint_of_path,
     {"registered": REGISTERED, "demonstration": DEMONSTRATED, "strokes": SURFACE_CAPTURE},
 )
-# how the head lay in strokes of another set-up is no reference for this one
-HEAD: Input[HeadReference] = replace(
-    head_input("path"),
-    read=lambda s: None if stale_reason("capture surface", s) else head_of(s),
-)
+
+
+def _usable_head(session: Session) -> HeadReference | None:
+    """Return how the head lay in step 4; None where its strokes are of another set-up."""
+    return None if stale_reason("capture surface", session) else head_of(session)
+
+
+HEAD: Input[HeadReference] = replace(head_input("path"), read=_usable_head)
 OF_REGISTRATION = ("place of the tracker", "field of the tracker")
 
 
