@@ -236,15 +236,12 @@ def _moved_since(session: Session, stroke: PointerCapture | None) -> str | None:
 def _made_utc(session: Session, result: str) -> str | None:
     """Return when a result was computed, by the log."""
     made = session.results.get(result)
+    if made is None:
+        return None
     for entry in reversed(session.log):
-        if made is None:
-            break
-        stored = entry.arguments.get("values")  # of an activity
-        by_activity = isinstance(stored, dict) and result in stored
-        if (by_activity and entry.arguments.get("message") == made.message) or (
-            entry.message,
-            entry.arguments,
-        ) == (made.message, made.arguments):
+        stored = entry.arguments.get("values")  # results of an activity, by name
+        outcome = isinstance(stored, dict) and result in stored
+        if outcome or (entry.message, entry.arguments) == (made.message, made.arguments):
             return entry.time_utc
     return None
 

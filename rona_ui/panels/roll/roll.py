@@ -6,8 +6,8 @@ from typing import Any, Literal
 from rona_core.app.steps.roll.base_placement import (
     BasePlace,
     BasePlacement,
-    asked_rolls,
     fresh_placement,
+    last_roll_search,
     moves,
 )
 from rona_core.app.steps.roll.certificate_view import certificate_view
@@ -94,7 +94,7 @@ def placement_words(session: Session, found: BasePlacement | None) -> str:
     if found is None:
         return _outdated_note(session)
     offered = offers(found)
-    words = _rolls_note(asked_rolls(session))
+    words = _rolls_note(last_roll_search(session))
     if found.smallest is None:
         reasons = "; ".join(found.reasons)
         words += style.note(f"No verified base pose found: {reasons}.", "warn")

@@ -36,8 +36,8 @@ Which = Literal["best", "smallest"]
 STILL_MM, STILL_DEG = 0.5, 0.05  # a base that moves by less stays where it is
 
 
-def asked_rolls(session: Session) -> StartRollSearch:
-    """Return rolls and mode of the last roll search, its plan being stale or not."""
+def last_roll_search(session: Session) -> StartRollSearch:
+    """Return the last roll search, whether its plan is stale or not; the default before one."""
     searched = session.results.roll
     if searched is None:
         return StartRollSearch()
@@ -51,7 +51,7 @@ def roll_search(arguments: Arguments) -> StartRollSearch:
 
 
 def _own_rolls(session: Session) -> StartRollSearch | None:
-    rolls = asked_rolls(session)
+    rolls = last_roll_search(session)
     return None if rolls == StartRollSearch() else rolls
 
 
@@ -96,7 +96,7 @@ def derive_placement(
     Rolls and mode are those of the last roll search: where it was for a constant roll, no place is
     suggested from which only a varying one works.
     """
-    return _placed(session, message, asked_rolls(session), progress, cancel)
+    return _placed(session, message, last_roll_search(session), progress, cancel)
 
 
 def _placed(
