@@ -54,7 +54,7 @@ def test_neighbouring_frames_cancel(folder):
 def test_the_library_neither_asserts_nor_prints():
     found = []
     for path in modules(*PRODUCT):
-        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        for node in ast.walk(structure.tree(path)):
             is_print = (
                 isinstance(node, ast.Call)
                 and isinstance(node.func, ast.Name)
@@ -97,7 +97,7 @@ def test_no_path_of_somebodys_machine():
 
 def imported(path: Path) -> set[str]:
     """Return the modules that a file imports."""
-    nodes = list(ast.walk(ast.parse(path.read_text("utf-8"))))
+    nodes = list(ast.walk(structure.tree(path)))
     plain = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
     return plain | {node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)}
 

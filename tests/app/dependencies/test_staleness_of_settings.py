@@ -55,8 +55,7 @@ from rona_core.devices.protocols import never, silent
 from rona_core.errors import RonaError
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
-from rona_ui.resources import demo_session
+from tests.scenes import demo_parts
 
 NOTHING: frozenset[str] = frozenset()
 MAPS = frozenset(("maps", "bed", "lines", "milling"))
@@ -210,7 +209,7 @@ def bench_of(session, uploads):
 @pytest.fixture(scope="module")
 def session(tmp_path_factory):
     """The demo with everything that it lacks: lines, block, caliper, plan, scan by hand, place."""
-    bench = bench_of(load_session(demo_session()), tmp_path_factory.mktemp("uploads"))
+    bench = bench_of(demo_parts.demo(), tmp_path_factory.mktemp("uploads"))
     for activity in (
         StartBedLines(),
         PlanMilling(),

@@ -20,15 +20,15 @@ from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.plan_scan import plan_scan
 from rona_core.robot.verification.verifier import verify_scan
 from rona_core.session.codec import digest
-from rona_core.session.files import load_session, session_bytes, session_from_bytes
-from rona_ui.resources import demo_session
+from rona_core.session.files import session_bytes, session_from_bytes
+from tests.scenes import demo_parts
 
 OVER = (0.0, 0.0, 2.0)
 
 
 @pytest.fixture(scope="module")
 def milled():
-    return load_session(demo_session())
+    return demo_parts.demo()
 
 
 @pytest.fixture(scope="module")

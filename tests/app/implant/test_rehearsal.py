@@ -29,10 +29,10 @@ from rona_core.evaluation.metrics import evaluate
 from rona_core.evaluation.milling.rehearsal_metrics import milled_again
 from rona_core.planning.rehearsal.rehearse import rehearse
 from rona_core.session.codec import digest
-from rona_core.session.files import load_session, session_bytes, session_from_bytes
+from rona_core.session.files import session_bytes, session_from_bytes
 from rona_core.virtual.milling.true_burr import true_centers_bed
-from rona_ui.resources import demo_session
 from tests.helpers.ui.beds import bed_only
+from tests.scenes import demo_parts
 
 
 def rehearsal_of(session):
@@ -46,7 +46,7 @@ def raiser(session):
 
 @pytest.fixture(scope="module")
 def milled():
-    return load_session(demo_session()).with_result("rehearsal", None)
+    return demo_parts.demo().with_result("rehearsal", None)
 
 
 @pytest.fixture(scope="module")

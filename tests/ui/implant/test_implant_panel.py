@@ -26,15 +26,14 @@ from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.compose import new_workbench
 from rona_core.errors import NotFoundError, StaleResultError, StepBlockedError
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
 from rona_ui.panels.implant.implant import NO_CHANCE, ImplantPanel
 from rona_ui.presentation.shown import opens_window
 from rona_ui.presentation.view_state import ViewState
-from rona_ui.resources import demo_session
 from rona_ui.window.background_figures import milling_of
 from rona_ui.window.browser import Browser
 from tests.helpers.ui.beds import bed_only, laid_astray
 from tests.helpers.ui.fake_gui import FakeGui
+from tests.scenes import demo_parts
 from tests.ui.panels.test_panels import CLIENT, Recorder
 from tests.ui.panels.test_panels import snapshot as any_snapshot
 
@@ -43,7 +42,7 @@ STEP = ViewState(step="implant")
 
 @pytest.fixture(scope="module")
 def demo():
-    return bed_only(load_session(demo_session()))
+    return bed_only(demo_parts.demo())
 
 
 @pytest.fixture(scope="module")

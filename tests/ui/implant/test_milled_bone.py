@@ -12,13 +12,12 @@ from rona_core.app.steps.implant.milling_motion import milling_duration_s, milli
 from rona_core.app.steps.implant.view import milling_view
 from rona_core.compose import new_workbench
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
 from rona_ui.panels.layout.replay_bar import milling_words
 from rona_ui.presentation.shown import replay_duration_s, shown_joints, shown_robot
 from rona_ui.presentation.view_state import ViewState
-from rona_ui.resources import demo_session
 from rona_ui.scene.implant import IMPLANT, POCKET, BedLayer, ImplantLayer
 from rona_ui.scene.milled_bone import AROUND, MILLED, WHOLE, MilledBoneLayer, around_bed
+from tests.scenes import demo_parts
 from tests.ui.implant.test_implant_layers import drawn, looked_at
 
 STEP = ViewState(step="implant", hidden=frozenset())
@@ -27,7 +26,7 @@ HALF, DONE = (replace(STEP, milling_cursor=share) for share in (0.5, 1.0))
 
 @pytest.fixture(scope="module")
 def milled():
-    bench = new_workbench(load_session(demo_session()))
+    bench = new_workbench(demo_parts.demo())
     bench.run(PlanMilling())
     yield bench.session
     bench.close()
