@@ -43,6 +43,8 @@ COMPILED := PYTHONDONTWRITEBYTECODE=
 IN_FILES := --dist loadfile --no-loadscope-reorder
 # the quick tests; .ci/run adds what is marked "ci": a whole procedure and a walk through a browser
 TIER ?= not slow
+# how many examples are drawn of each property, times those that it names
+QUICK_EXAMPLES ?= 0.3
 EXAMPLES ?= 1
 # suites of `make reliability`
 RELIABILITY := kills saving stop connections readers
@@ -114,7 +116,7 @@ demo: $(VENV)/.product
 PYTEST := $(ONE_THREAD) $(COMPILED) timeout --foreground --kill-after=20 $(TEST_LIMIT) $(BIN)/python -m pytest
 
 test: $(VENV)/.test
-	$(PYTEST) -n 2 $(IN_FILES) -m "$(TIER)" $(ARGS)
+	RONA_EXAMPLES=$(QUICK_EXAMPLES) $(PYTEST) -n 2 $(IN_FILES) -m "$(TIER)" $(ARGS)
 
 test-all: $(VENV)/.test browser
 	RONA_EXAMPLES=$(EXAMPLES) $(PYTEST) -n 3 $(IN_FILES) $(ARGS)
@@ -123,7 +125,7 @@ viewers: .venv-viewers/.viewers
 	$(ONE_THREAD) .venv-viewers/bin/python -m pytest -q tests/core/mapping/files tests/core/devices/files/test_igs_mha.py $(ARGS)
 
 mutants: $(VENV)/.test
-	$(ONE_THREAD) $(BIN)/python -m tests.tools.mutants $(ARGS)
+	RONA_EXAMPLES=$(QUICK_EXAMPLES) $(ONE_THREAD) $(BIN)/python -m tests.tools.mutants $(ARGS)
 
 gallery: $(VENV)/.product
 	$(ONE_THREAD) $(BIN)/python -m examples.gallery

@@ -2,7 +2,8 @@
 
 Quick tests are those not marked ``slow``; slow ones marked ``ci`` run with them before a change
 lands. Property tests draw the same examples on every run, and a busy machine fails none of them.
-``RONA_EXAMPLES`` times as many are drawn where that is set.
+``RONA_EXAMPLES`` times as many are drawn where that is set: a share of them by the quick tests, ten
+times as many on demand.
 One worker drives the browsers, one after the other, on one server; the others begin with the files
 that took longest in the last run, so that all end together, and leave it the processor where it
 wants one.
@@ -19,7 +20,8 @@ from hypothesis import settings
 settings.register_profile("rona", deadline=None, derandomize=True)
 settings.load_profile("rona")
 
-MORE_EXAMPLES = int(os.environ.get("RONA_EXAMPLES", "1"))
+EXAMPLES = float(os.environ.get("RONA_EXAMPLES", "1"))
+FEWEST = 5  # examples of a property, unless it has fewer
 SECONDS = "rona/seconds_of_files"
 BROWSERS = "tests/ui/browser/"  # each draws with a processor of its own: one after the other
 ADDED_NICENESS = 10  # of tests without a browser: hands that move in real time come first
@@ -55,13 +57,30 @@ def pytest_configure(config):
         config.pluginmanager.register(FileTimes(cache))
 
 
+def thin_out_sweeps(items):
+    """Mark as slow all cases of each sweep but as many as its marker names, evenly spread."""
+    sweeps = {}
+    for item in items:
+        if marker := item.get_closest_marker("sweep"):
+            sweeps.setdefault(item.nodeid.partition("[")[0], (marker.args[0], []))[1].append(item)
+    for n_quick, cases in sweeps.values():
+        steps = max(n_quick - 1, 1)
+        quick = {round(k * (len(cases) - 1) / steps) for k in range(n_quick)}
+        for number, item in enumerate(cases):
+            if number not in quick:
+                item.add_marker(pytest.mark.slow)
+
+
+@pytest.hookimpl(tryfirst=True)  # before tests are chosen by their markers
 def pytest_collection_modifyitems(config, items):
+    thin_out_sweeps(items)
     for item in items:
         test = getattr(item, "obj", None)
-        if MORE_EXAMPLES > 1 and getattr(test, "is_hypothesis_test", False):
+        if EXAMPLES != 1.0 and getattr(test, "is_hypothesis_test", False):
             own = getattr(test, BY_HYPOTHESIS)
-            more = settings(own, max_examples=own.max_examples * MORE_EXAMPLES)
-            setattr(getattr(test, "__func__", test), BY_HYPOTHESIS, more)
+            n = max(min(FEWEST, own.max_examples), round(EXAMPLES * own.max_examples))
+            func = getattr(test, "__func__", test)
+            setattr(func, BY_HYPOTHESIS, settings(own, max_examples=n))
     if hasattr(config, "workerinput"):
         cache = getattr(config, "cache", None)
         known = cache.get(SECONDS, {}) if cache else {}

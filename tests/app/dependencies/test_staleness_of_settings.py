@@ -297,6 +297,7 @@ def test_a_field_makes_stale_what_is_declared_and_nothing_else(session, kind, na
     assert stale_in(after) == TABLE[kind][name][1] - {"line"}
 
 
+@pytest.mark.sweep(12)
 @pytest.mark.parametrize(("kind", "name"), ROWS, ids=lambda v: getattr(v, "__name__", v))
 def test_a_delay_line_counts_as_long_as_its_block_and_is_then_the_same(lined, kind, name):
     after = changed(lined, kind, name)
@@ -323,6 +324,7 @@ def values(session):
 GROUPS = sorted({TABLE[kind][name][1] for kind, name in ROWS}, key=sorted)
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize("group", GROUPS, ids=lambda group: f"{len(group)} stale")
 def test_what_stays_fresh_is_computed_bit_for_bit_the_same(session, values, group):
     after = session
@@ -333,6 +335,7 @@ def test_what_stays_fresh_is_computed_bit_for_bit_the_same(session, values, grou
     assert {name: value_of(after, name) for name in fresh} == {n: values[n] for n in fresh}
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     ("kind", "name"),
     [
