@@ -8,7 +8,6 @@ import subprocess
 import sys
 import zipfile
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -297,11 +296,10 @@ def test_a_missing_file_is_named(tmp_path):
         load_session(tmp_path / "gone.rona")
 
 
-def test_a_file_that_is_written_quickly_is_larger_and_holds_the_same():
-    session = load_session(Path(__file__).resolve().parents[3] / "sessions" / "demo.rona")
-    quick = session_bytes(session, quick=True)
-    assert len(quick) > 1.5 * len(session_bytes(session))
-    assert session_bytes(session_from_bytes(quick)) == session_bytes(session)
+def test_a_file_that_is_written_quickly_is_larger_and_holds_the_same(demo):
+    quick, small = session_bytes(demo, quick=True), session_bytes(demo)
+    assert len(quick) > 1.5 * len(small)
+    assert session_bytes(session_from_bytes(quick)) == small
 
 
 def test_a_file_whose_steps_are_not_loaded_says_what_to_import():
