@@ -1,6 +1,7 @@
 """What most of those around refuse that show the same boundary is not sure."""
 
 import numpy as np
+import pytest
 
 from rona_core.ultrasound.detection.spatial.agreement import refused_around
 from rona_core.ultrasound.detection.spatial.neighbours import scan_links
