@@ -26,7 +26,7 @@ from rona_core.app.steps.handheld.messages import (
     StartHandheldMapping,
     StartHandheldScan,
 )
-from rona_core.app.steps.implant.messages import PlanMilling, StartBedLines
+from rona_core.app.steps.implant.messages import StartBedLines
 from rona_core.app.steps.path.messages import StartPathCapture
 from rona_core.app.steps.pointer.messages import StartPointerCapture
 from rona_core.app.steps.roll.derivation import derive_roll
@@ -212,7 +212,6 @@ def session(tmp_path_factory):
     bench = bench_of(demo_parts.demo(), tmp_path_factory.mktemp("uploads"))
     for activity in (
         StartBedLines(),
-        PlanMilling(),
         StartBasePlacement(half_x_mm=0.0, half_y_mm=0.0),
         StartCaliperMeasurements(n=3),
         StartHandheldCalibration(pivot_s=5.0, spin_s=8.0),

@@ -87,6 +87,7 @@ def test_verdict_and_file_keep_the_motion(milled, certified):
     assert loaded.results.more["rehearsal"].value.floor_plan.may_move
 
 
+@pytest.mark.slow
 def test_a_motion_other_than_the_certified_one_does_not_scan(milled, certified, monkeypatch):
     """The planted fault: half a degree of one joint, after the verifier has seen the motion."""
 

@@ -48,11 +48,8 @@ def demo():
 
 
 @pytest.fixture(scope="module")
-def milled(demo):
-    bench = new_workbench(demo)
-    bench.run(PlanMilling())
-    yield bench.session
-    bench.close()
+def milled():
+    return demo_parts.demo().with_result("rehearsal", None)
 
 
 def with_plan(session, plan):

@@ -50,11 +50,8 @@ def milled():
 
 
 @pytest.fixture(scope="module")
-def rehearsed(milled):
-    bench = new_workbench(milled)
-    bench.run(RehearseMilling())
-    yield bench.session
-    bench.close()
+def rehearsed():
+    return demo_parts.demo()
 
 
 def test_before_a_plan_there_is_nothing_to_rehearse(milled):
@@ -78,6 +75,7 @@ def test_the_floor_is_heard_and_the_verdict_says_what_followed(rehearsed):
     assert rehearsal_ok(found) == (found.ceiling_mm is None and not found.stopped)
 
 
+@pytest.mark.slow
 def test_the_same_number_gives_the_same_rehearsal_and_another_gives_another(milled, rehearsed):
     bench = new_workbench(milled)
     bench.run(RehearseMilling())
@@ -132,6 +130,7 @@ def test_without_a_virtual_patient_there_is_no_bone_to_rehearse_on(milled, tmp_p
     bench.close()
 
 
+@pytest.mark.slow
 def test_the_burr_goes_the_same_way_once_more_for_the_figures(rehearsed):
     found, site = rehearsal_of(rehearsed), milling_site(rehearsed, 1)
     task = milling_task(rehearsed, raiser(rehearsed), FloorScan(rehearsed))
