@@ -36,13 +36,7 @@ from rona_core.ultrasound.acoustic_calibration.speed_calibration import speed_at
 from rona_core.ultrasound.detection.detect import doubted, has_inner_echoes
 
 TESTS = Path(__file__).resolve().parents[2]
-DEMO = TESTS.parent / "sessions" / "demo.rona"
 OLD = TESTS / "contract" / "sessions" / "schema_1.rona"
-
-
-@pytest.fixture(scope="module")
-def demo() -> Session:
-    return load_session(DEMO)
 
 
 def sure(session: Session) -> int:

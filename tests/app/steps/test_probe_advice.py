@@ -3,7 +3,6 @@
 import re
 from dataclasses import replace
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +17,6 @@ from rona_core.app.steps.boundaries.probe_advice import probe_advice
 from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.geometry.arrays import readonly
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
 from rona_core.ultrasound.detection.bone_verdict import ENOUGH, PROBE_TITLES, judge_bone
 from rona_core.ultrasound.detection.detect import (
     NO_FRONT,
@@ -30,7 +28,6 @@ from rona_core.ultrasound.detection.detect import (
     UNSURE,
 )
 
-DEMO = Path(__file__).parents[3] / "sessions" / "demo.rona"
 LIKE = (  # thickness and flag of the A-scans that surveys are mixed of
     (3.0, OK),
     (6.0, OK),
@@ -42,11 +39,6 @@ LIKE = (  # thickness and flag of the A-scans that surveys are mixed of
     (5.0, TILTED),
     (0.0, NO_FRONT),
 )
-
-
-@pytest.fixture(scope="module")
-def demo():
-    return load_session(DEMO)
 
 
 def found(demo, thickness_mm, flags, probe):

@@ -187,6 +187,7 @@ def test_a_head_and_base_moved_together_change_nothing(refused):
         assert (a.turn_deg, a.moved_mm, a.n_feasible) == (b.turn_deg, b.moved_mm, b.n_feasible)
 
 
+@pytest.mark.slow
 def test_a_mirrored_path_has_a_mirrored_map():
     """Left and right of the arm are alike, but for the rolls that happen to be looked at."""
     path = short("S3")
@@ -200,6 +201,7 @@ def test_a_mirrored_path_has_a_mirrored_map():
     np.testing.assert_allclose(a.turns_deg, -b.turns_deg[:, ::-1], atol=0.11)
 
 
+@pytest.mark.slow
 def test_what_stands_around_moves_with_the_planner(refused):
     """The planner is told how the old base looks from the new place."""
     path, found = refused
