@@ -144,8 +144,6 @@ def body_for(client, session, request, bare):
         return {"content": POSES}
     if bare.endswith("/sessions/upload"):
         return {"content": client.get(f"/sessions/{session}/file").content}
-    if bare.endswith("/maps/comparison"):
-        return {"content": client.get(f"/sessions/{session}/export/bone.stl").content}
     if bare.endswith("/robot/move"):
         return {
             "json": {
