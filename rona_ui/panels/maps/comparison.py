@@ -5,10 +5,9 @@ from dataclasses import replace
 from pathlib import PurePath
 from typing import Any
 
-from rona_core.app.steps.maps.comparison import TRUTH, MapComparison
+from rona_core.app.steps.maps.comparison import TRUTH, MapComparison, Registration
 from rona_core.app.steps.maps.messages import StartComparison
 from rona_core.errors import InvalidInputError
-from rona_core.mapping.comparison.reference_bone import Registration
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
 from rona_ui.presentation.shown import shown_comparison

@@ -24,6 +24,7 @@ BODIES = {  # of requests whose pages leave them out, by the end of the path
     "/save": {"file": "documented", "replace": True},
     "/settings": {},
     "/robot/contact": {},
+    "/jobs/StartComparison": {"file": "bone.stl"},
 }
 FILES = ("documented.rona", "reloaded.rona")
 NOT_NOW = {  # what the pages say is refused in a state like this one
