@@ -186,6 +186,7 @@ def motion_section(session: Session) -> Html:
     contact = contact_report(session)
     if contact is not None and stale_reason("capture scan", session) is None:
         parts += [tag("h3", "Scan"), tag("p", contact.sentence)]
+        parts += [] if contact.mass is None else [note(f"{contact.mass}.", "warn")]
         parts += [] if contact.delay is None else [tag("p", delay_sentence(contact.delay))]
     return joined(parts)
 

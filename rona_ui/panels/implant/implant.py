@@ -107,7 +107,7 @@ class ImplantPanel(StepPanel):
         self._window.visible = held is not None and not new.view.shows("chance")
         if changed(old, new, "view.skull_window"):
             self._window.value = new.view.skull_window
-        if changed(old, new, "session", "view", "static_scene", "truth"):
+        if changed(old, new, "session", "view", "static_scene", "compared", "truth"):
             self._key.content = "" if held is None else _key(new)
         self._figures.visible = held is not None and held.value.placed is not None
         if changed(old, new, "session.results", "milling"):

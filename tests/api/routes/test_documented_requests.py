@@ -24,6 +24,7 @@ BODIES = {  # of requests whose pages leave them out, by the end of the path
     "/save": {"file": "documented", "replace": True},
     "/settings": {},
     "/robot/contact": {},
+    "/jobs/StartComparison": {"file": "bone.stl"},
 }
 FILES = ("documented.rona", "reloaded.rona")
 NOT_NOW = {  # what the pages say is refused in a state like this one
@@ -144,8 +145,6 @@ def body_for(client, session, request, bare):
         return {"content": POSES}
     if bare.endswith("/sessions/upload"):
         return {"content": client.get(f"/sessions/{session}/file").content}
-    if bare.endswith("/maps/comparison"):
-        return {"content": client.get(f"/sessions/{session}/export/bone.stl").content}
     if bare.endswith("/robot/move"):
         return {
             "json": {

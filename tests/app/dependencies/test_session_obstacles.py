@@ -27,6 +27,8 @@ from rona_core.robot.kinematics.milling_tool import Spindle
 from rona_core.robot.planning.calibration_motion import ToolMotionSettings, plan_tool_motion
 from rona_core.robot.planning.plan_scan import PlanSettings, plan_scan
 from rona_core.robot.trajectory.trajectory import motion_digest
+from rona_core.robot.verification.tolerances import Tolerances
+from rona_core.robot.verification.verifier import verify_scan
 from rona_core.session.codec import digest
 from rona_core.session.document import Derived, Session, Setup
 from rona_ui.panels.roll.certificate import verdict
@@ -145,11 +147,31 @@ def in_session(setup, plan):
     return replace(session, results=replace(session.results, roll=derived(plan)))
 
 
-def earlier(plan):
-    """The plan as files of earlier versions hold it: its certificate names the robot alone."""
+def earlier(plan, robot=""):
+    """The plan as files of earlier versions hold it: its certificate has no tolerances.
+
+    Those before had the name of the robot in the place of its digest.
+    """
     motion, held = plan.trajectory, plan.certificate
-    named = motion_digest(held.model, motion.times_s, motion.qs_rad, held.obstacles)
-    return replace(plan, certificate=replace(held, robot="", digest=named))
+    named = motion_digest(robot or held.model, motion.times_s, motion.qs_rad, held.obstacles)
+    certificate = replace(held, robot=robot, tolerances="", digest=named)
+    return replace(plan, certificate=certificate)
+
+
+def test_a_scan_that_was_verified_with_other_tolerances_is_not_executed(plan):
+    free, made = plan
+    loose = Tolerances(position_mm=0.5)
+    motion, search = made.trajectory, made.search
+    around = session_obstacles(Session(setup=free))
+    speed = free.devices.robot.scan_speed_mm_per_s
+    certificate = verify_scan(RX90, motion, search.path, search.rolls_rad, speed, loose, around)
+    assert certificate.certified
+    session = in_session(free, replace(made, certificate=certificate))
+    assert session.results.roll.value.may_move
+    with pytest.raises(NotReachableError, match=r"other tolerances .*: plan again$"):
+        capture_scan(session, None)
+    assert "other tolerances" in plan_reason(session)
+    assert not certificate_view(session).certified
 
 
 OTHER_ROBOTS = {
@@ -173,13 +195,17 @@ def test_a_scan_is_executed_only_by_the_robot_it_was_certified_for(plan, what, m
     assert "plan again" in plan_reason(session)
     view = certificate_view(session)
     assert not view.certified
-    assert "another motion or robot. Plan again" in verdict(view, stale=False)
+    assert "another motion, robot or tolerances. Plan again" in verdict(view, stale=False)
 
 
-def test_a_plan_of_an_earlier_version_is_verified_again_before_it_is_driven(plan, monkeypatch):
+@pytest.mark.parametrize("with_robot", [False, True])
+def test_a_plan_of_an_earlier_version_is_verified_again_before_it_is_driven(
+    plan, with_robot, monkeypatch
+):
     """It opens and is shown as before; whether the robot may drive it is found out anew."""
     free, made = plan
-    session = in_session(free, earlier(made))
+    made = earlier(made, made.certificate.robot if with_robot else "")
+    session = in_session(free, made)
     assert session.results.roll.value.may_move
     assert plan_reason(session) is None
     with pytest.raises(AttributeError):  # it is let through, to devices that are not there
@@ -193,7 +219,7 @@ def test_a_plan_of_an_earlier_version_is_verified_again_before_it_is_driven(plan
     lower = replace(free, surroundings=replace(free.surroundings, floor_mm=400.0))
     monkeypatch.undo()
     with pytest.raises(NotReachableError, match="clearance from the floor fails"):
-        capture_scan(in_session(lower, earlier(made)), None)
+        capture_scan(in_session(lower, made), None)
 
 
 def test_every_other_motion_is_held_against_the_robot_that_is_to_drive_it():

@@ -37,6 +37,7 @@ from rona_core.planning.milling.milling_path import Move
 from rona_core.planning.milling.removal import RIDGE_MM
 from rona_core.planning.robot_milling.robot_path import milling_obstacles
 from rona_core.robot.trajectory.trajectory import motion_digest
+from rona_core.robot.verification.tolerances import CuttingTolerances
 from rona_core.session.files import session_bytes, session_from_bytes
 from tests.helpers.ui.beds import bed_only, laid_astray
 from tests.scenes import demo_parts
@@ -61,7 +62,7 @@ def test_the_demo_is_milled_with_a_certificate_for_what_stands_around(milled):
     plan, path = milling_plan_of(milled), robot_path_of(milling_view(milled)).cutting
     around = milling_obstacles(session_obstacles(milled), path)
     model = milling_model(milled, milling_view(milled))
-    assert plan.certificate.certifies(plan.trajectory, model, around)
+    assert plan.certificate.certifies(plan.trajectory, model, around, CuttingTolerances())
     assert "certified" in milling_verdict(plan)
     assert milling_summary(plan) in step_states(milled)[-1].reason
     assert step_states(milled)[-1].state == "done"
@@ -184,7 +185,7 @@ def test_a_motion_of_an_earlier_version_is_verified_again_first(milled, monkeypa
     plan = milling_plan_of(milled)
     motion, held = plan.trajectory, plan.certificate
     named = motion_digest(held.model, motion.times_s, motion.qs_rad, held.obstacles)
-    old = replace(plan, certificate=replace(held, robot="", digest=named))
+    old = replace(plan, certificate=replace(held, robot="", tolerances="", digest=named))
     assert milling_motion_module.milling_stale(with_plan(milled, old)) is None
     assert require_certified(with_plan(milled, old))[1] is motion
     known = milling_model(milled, milling_view(milled))

@@ -173,12 +173,12 @@ def test_maps_are_drawn_in_the_colours_of_their_errors_where_a_reference_is_ther
     errors = np.where(np.arange(maps.value.inner.ok.shape[1]) % 2, 0.3, -0.3)
     errors = np.broadcast_to(errors, maps.value.inner.ok.shape)
     found = MapComparison("bone.ply", maps.value, MapErrors({"inner": errors.copy()}), ())
-    view = ViewState(step="maps", quantity="error", comparison=found)
+    view = ViewState(step="maps", quantity="error")
     layer = MapLayer(nodes, "inner")
-    layer.render(None, snapshot(demo, view))
+    layer.render(None, snapshot(demo, view, compared=found))
     assert {tuple(color) for color in drawn["/maps/inner"]} == {BLUE, VERMILLION}
     other = replace(found, maps=replace(maps.value))  # of maps that were made anew since
-    layer.render(None, snapshot(demo, replace(view, comparison=other)))
+    layer.render(None, snapshot(demo, view, compared=other))
     assert len(drawn["/maps/inner"]) == 0
 
 

@@ -70,7 +70,7 @@ def capture_scan(
     devices, trajectory = session.setup.devices, plan.trajectory
     model, around = robot_model(devices.robot.model), session_obstacles(session)
     certificate = plan.certificate
-    if not certificate.robot:  # of an earlier version: it names the robot, and no more of it
+    if not certificate.complete:  # of an earlier version
         speed_mm_per_s = devices.robot.scan_speed_mm_per_s
         path, rolls_rad = plan.search.path, plan.search.rolls_rad
         certificate = verify_scan(
