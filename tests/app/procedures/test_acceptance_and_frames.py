@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rona_core.app.overview.acceptance import FIGURES, quality_rows, verdict
+from rona_core.app.declarations.figures import FIGURES
+from rona_core.app.overview.acceptance import quality_rows, verdict
 from rona_core.app.overview.frame_graph import frame_rows
 from rona_core.app.steps.pointer.messages import StartPointerCapture
 from rona_core.app.steps.setup.messages import SetSeed
