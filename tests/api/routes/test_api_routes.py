@@ -30,9 +30,7 @@ GET /sessions/{session_id}/quality; GET /sessions/{session_id}/report
 GET /sessions/{session_id}/volume
 GET /sessions/{session_id}/maps/draws; GET /sessions/{session_id}/maps/comparison
 POST /sessions/{session_id}/maps/comparison; GET /sessions/{session_id}/export/{name}
-GET /sessions/{session_id}/bed/path; GET /sessions/{session_id}/bed/stl
-GET /sessions/{session_id}/bed/motion; PUT /sessions/{session_id}/picture
-GET /sessions/{session_id}/bed/markups
+PUT /sessions/{session_id}/picture
 GET /files; GET /files/{file}/picture; GET /procedure
 GET /sessions/{session_id}/events
 POST /sessions/{session_id}/replay; GET /jobs; GET /jobs/{job_id}; DELETE /jobs/{job_id}
