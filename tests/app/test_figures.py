@@ -1,13 +1,10 @@
 """A figure is declared once: what is computed, shown and written down comes from the list."""
 
 import ast
-import re
 from pathlib import Path
 
 import pytest
 
-from benchmarks import metrics_page
-from benchmarks.suites.procedure.procedure import OF_RESULTS
 from rona_core.app.declarations.figures import FIGURES, PREDICTED, SECTIONS
 from rona_core.app.overview.acceptance import ELSEWHERE, quality_rows, quality_table
 from rona_core.app.overview.predicted_accuracy import predicted_figures
@@ -21,8 +18,6 @@ from rona_ui.panels.layout.quality import table
 from rona_ui.resources import demo_session
 
 ROOT = Path(__file__).resolve().parents[2]
-KEYS = re.compile(r"[a-z]\w+_(?:mm|deg|n|s|percent|fraction|points|probability)")
-ALL = {**FIGURES, **OF_RESULTS}
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +49,7 @@ def test_each_is_declared_once_and_whole():
         assert bool(one.source) == (one.limit is not None), one.key
         assert not one.truth_of or FIGURES[one.truth_of].unit == one.unit, one.key
     endings = {"mm": "mm", "deg": "deg", "n": "N", "s": "s", "percent": "%", "fraction": ""}
-    for one in ALL.values():
+    for one in FIGURES.values():
         ending = one.key.rpartition("_")[2]
         assert endings.get(ending, one.unit) == one.unit, one.key
 
@@ -107,17 +102,3 @@ def test_no_name_is_written_a_second_time():
         if isinstance(node, ast.Constant) and node.value in titles
     ]
     assert not found, found
-
-
-def test_the_page_of_figures_is_written_from_the_list():
-    page = metrics_page.PAGE.read_text("utf-8")
-    assert metrics_page.with_tables(page) == page, "run `make metrics`"
-    names = [name for _, name, _ in metrics_page.TABLE.findall(page)]
-    assert sorted(names) == sorted([*SECTIONS, "Results page", "Limits"])
-
-
-def test_meanings_name_figures_that_there_are():
-    page = metrics_page.PAGE.read_text("utf-8")
-    named = {word for one in ALL.values() for word in re.findall(r"`(\w+)`", one.says + one.source)}
-    named |= set(re.findall(r"`(\w+)`", page))
-    assert not [word for word in named if KEYS.fullmatch(word) and word not in ALL]
