@@ -255,7 +255,9 @@ def _completed(manifest: dict[str, Any]) -> dict[str, Any]:
     session = manifest.get("session")
     if not session:
         return manifest
-    present = _without_fields(_with_fields(session, {**ADDED_IN_3, **ADDED_SINCE}), GONE_FROM_3)
+    version = str(manifest.get("app_version", ""))[:40]  # of what the results do not say themselves
+    added = {**ADDED_IN_3, **ADDED_SINCE, "Derived": {"version": version}}
+    present = _without_fields(_with_fields(session, added), GONE_FROM_3)
     return {**manifest, "session": with_present_digests(present)}
 
 

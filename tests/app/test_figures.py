@@ -13,16 +13,9 @@ from rona_core.app.steps.maps.accuracy.error_budget import error_budgets
 from rona_core.app.steps.maps.accuracy.map_accuracy import map_accuracy
 from rona_core.compose import build_virtual_rig, evaluate_virtual
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
 from rona_ui.panels.layout.quality import table
-from rona_ui.resources import demo_session
 
 ROOT = Path(__file__).resolve().parents[2]
-
-
-@pytest.fixture(scope="module")
-def demo() -> Session:
-    return load_session(demo_session())
 
 
 @pytest.fixture(scope="module")

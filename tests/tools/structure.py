@@ -9,6 +9,7 @@ import sys
 import tokenize
 from collections import defaultdict
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -20,6 +21,12 @@ Function = ast.FunctionDef | ast.AsyncFunctionDef
 def modules(root: Path, *folders: str) -> list[Path]:
     """Return all modules of the folders, sorted."""
     return sorted(p for folder in folders for p in (root / folder).rglob("*.py"))
+
+
+@cache
+def tree(path: Path) -> ast.Module:
+    """Return the syntax tree of a module; it is parsed once."""
+    return ast.parse(path.read_text("utf-8"))
 
 
 def entries(root: Path, *folders: str) -> dict[str, int]:
@@ -34,7 +41,7 @@ def entries(root: Path, *folders: str) -> dict[str, int]:
 def functions(root: Path, *folders: str) -> Iterator[tuple[str, Function]]:
     """Yield every function with its place."""
     for path in modules(root, *folders):
-        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        for node in ast.walk(tree(path)):
             if isinstance(node, Function):
                 yield f"{path.relative_to(root)}:{node.lineno} {node.name}", node
 
@@ -92,7 +99,7 @@ def imports(root: Path, *folders: str) -> dict[str, set[str]]:
         if module.endswith(".__init__"):
             continue  # a front door imports what is behind it
         edges[module] = set()
-        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        for node in ast.walk(tree(path)):
             if isinstance(node, ast.ImportFrom) and node.module in names:
                 edges[module] |= {
                     full if (full := f"{node.module}.{alias.name}") in names else node.module
@@ -105,26 +112,20 @@ def imports(root: Path, *folders: str) -> dict[str, set[str]]:
 
 def circles(root: Path, *folders: str) -> list[str]:
     """Return the rooms and modules of each package that import one another in a circle."""
-    edges = imports(root, *folders)
-    packages = {
-        ".".join(name.split(".")[:depth]) for name in edges for depth in range(1, name.count("."))
-    } | {name.rpartition(".")[0] for name in edges}
-    found = []
-    for package in sorted(packages):
-        graph: dict[str, set[str]] = defaultdict(set)
-        for name, targets in edges.items():
-            for target in targets:
-                pair = [_child(package, one) for one in (name, target)]
-                if None not in pair and pair[0] != pair[1]:
-                    graph[str(pair[0])].add(str(pair[1]))
-        found += [f"{package}: {' <-> '.join(sorted(group))}" for group in _groups(graph)]
-    return found
-
-
-def _child(package: str, module: str) -> str | None:
-    if not module.startswith(f"{package}."):
-        return None
-    return module[len(package) + 1 :].split(".")[0]
+    graphs: dict[str, dict[str, set[str]]] = defaultdict(lambda: defaultdict(set))
+    for name, targets in imports(root, *folders).items():
+        for target in targets:
+            here, there = name.split("."), target.split(".")
+            depth = next(
+                (k for k, pair in enumerate(zip(here, there, strict=False)) if len({*pair}) > 1), 0
+            )
+            if depth:
+                graphs[".".join(here[:depth])][here[depth]].add(there[depth])
+    return [
+        f"{package}: {' <-> '.join(sorted(group))}"
+        for package, graph in sorted(graphs.items())
+        for group in _groups(graph)
+    ]
 
 
 def _reached(graph: dict[str, set[str]], start: str) -> set[str]:
@@ -153,7 +154,7 @@ def word_count(root: Path, folder: str, word: str) -> int:
     return sum(
         isinstance(node, ast.Name) and node.id == word
         for path in modules(root, folder)
-        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        for node in ast.walk(tree(path))
     )
 
 

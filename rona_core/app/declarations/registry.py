@@ -128,6 +128,11 @@ class Registry:
         return {name: part.message for name, part in self.activities.items()}
 
     @property
+    def result_names(self) -> tuple[str, ...]:
+        """Names of all declared results, in the order of the steps."""
+        return tuple(self._results)
+
+    @property
     def replayed(self) -> tuple[str, ...]:
         """Names of the results that a replay computes again, in the order of the steps."""
         return tuple(name for name in self._results if self.result(name).derive is not None)

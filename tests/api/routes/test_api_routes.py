@@ -6,6 +6,7 @@ import re
 
 import pytest
 
+from rona_core import __version__
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.session.codec import digest
 from rona_core.session.files import load_session
@@ -415,7 +416,8 @@ def test_figures_without_results_have_no_value_and_no_verdict(at):
 
 
 def test_replay_of_nothing_is_the_same(session, replayed):
-    assert replayed(session) == {"same": True, "results": []}
+    found = replayed(session)
+    assert found == {"same": True, "version": __version__, "by_version": [], "results": []}
 
 
 def test_the_program_says_how_it_is(client, session):

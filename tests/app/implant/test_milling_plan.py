@@ -38,22 +38,19 @@ from rona_core.planning.milling.milling_path import Move
 from rona_core.planning.milling.removal import RIDGE_MM
 from rona_core.planning.robot_milling.robot_path import milling_obstacles
 from rona_core.robot.trajectory.trajectory import motion_digest
-from rona_core.session.files import load_session, session_bytes, session_from_bytes
-from rona_ui.resources import demo_session
+from rona_core.session.files import session_bytes, session_from_bytes
 from tests.helpers.ui.beds import bed_only, laid_astray
+from tests.scenes import demo_parts
 
 
 @pytest.fixture(scope="module")
 def demo():
-    return bed_only(load_session(demo_session()))
+    return bed_only(demo_parts.demo())
 
 
 @pytest.fixture(scope="module")
-def milled(demo):
-    bench = new_workbench(demo)
-    bench.run(PlanMilling())
-    yield bench.session
-    bench.close()
+def milled():
+    return demo_parts.demo().with_result("rehearsal", None)
 
 
 def with_plan(session, plan):

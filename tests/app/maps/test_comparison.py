@@ -20,15 +20,16 @@ from rona_core.errors import (
 )
 from rona_core.evaluation.figures import rms
 from rona_core.session.document import Session
-from rona_core.session.files import load_session, session_bytes
+from rona_core.session.files import session_bytes
 from rona_ui.cli import main
 from rona_ui.resources import demo_session
+from tests.scenes import demo_parts
 from tests.scenes.map_ct import ct_of
 
 
 @pytest.fixture(scope="module")
 def bench():
-    bench = new_workbench(load_session(demo_session()))
+    bench = new_workbench(demo_parts.demo())
     yield bench
     bench.close()
 

@@ -18,15 +18,9 @@ from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.compose import new_workbench
 from rona_core.errors import NotFoundError, StaleResultError, StepBlockedError
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
 from rona_ui.cli import main
 from rona_ui.resources import demo_session
 from tests.oracles.maps_nrrd import read_maps_nrrd
-
-
-@pytest.fixture(scope="module")
-def demo():
-    return load_session(demo_session())
 
 
 @pytest.fixture(scope="module")

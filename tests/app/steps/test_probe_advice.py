@@ -3,7 +3,6 @@
 import re
 from dataclasses import replace
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,7 +18,6 @@ from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.devices.probes import PROBE_DATA
 from rona_core.geometry.arrays import readonly
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
 from rona_core.ultrasound.detection.bone_verdict import ENOUGH, judge_bone
 from rona_core.ultrasound.detection.detect import (
     NO_FRONT,
@@ -31,7 +29,6 @@ from rona_core.ultrasound.detection.detect import (
     UNSURE,
 )
 
-DEMO = Path(__file__).parents[3] / "sessions" / "demo.rona"
 LIKE = (  # thickness and flag of the A-scans that surveys are mixed of
     (3.0, OK),
     (6.0, OK),
@@ -43,11 +40,6 @@ LIKE = (  # thickness and flag of the A-scans that surveys are mixed of
     (5.0, TILTED),
     (0.0, NO_FRONT),
 )
-
-
-@pytest.fixture(scope="module")
-def demo():
-    return load_session(DEMO)
 
 
 def found(demo, thickness_mm, flags, probe):

@@ -5,7 +5,6 @@ assumed, and residuals or landmarks that contradict it take the word good away.
 """
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -34,9 +33,8 @@ from rona_core.geometry.pose import Poses
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.link_errors import link_errors
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
+from tests.scenes import demo_parts
 
-DEMO = Path(__file__).parents[3] / "sessions" / "demo.rona"
 STATED_MM, TURN_DEG, SHIFT_MM = 0.35, 0.02, 0.05
 DRAWS = 12
 
@@ -44,7 +42,7 @@ DRAWS = 12
 @pytest.fixture(scope="module")
 def motion():
     """Return poses of the tip and errors of links (n, 6, 36) along the tool motion of the demo."""
-    demo = load_session(DEMO)
+    demo = demo_parts.demo()
     model = robot_model(demo.setup.devices.robot.model)
     qs_rad, _, _ = tool_dwells(demo.captures.tool, model)
     links = link_errors(model, qs_rad, model.T_flange_tip, STATED_MM)
@@ -67,6 +65,7 @@ def checked(motion, ratio, seed):
     return check_robot_accuracy(found, tips, seen, links, none)
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     ("ratio", "least", "most"), [(1.0, 0.0, 0.17), (2.0, 0.6, 1.0), (3.0, 0.9, 1)]
 )

@@ -27,15 +27,14 @@ from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.compose import new_workbench
 from rona_core.errors import NotFoundError, StaleResultError, StepBlockedError
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
 from rona_ui.panels.implant.implant import NO_CHANCE, ImplantPanel
 from rona_ui.presentation.shown import opens_window
 from rona_ui.presentation.view_state import ViewState
-from rona_ui.resources import demo_session
 from rona_ui.window.background_figures import milling_of
 from rona_ui.window.browser import Browser
 from tests.helpers.ui.beds import bed_only, laid_astray
 from tests.helpers.ui.fake_gui import FakeGui
+from tests.scenes import demo_parts
 from tests.ui.panels.test_panels import CLIENT, Recorder
 from tests.ui.panels.test_panels import snapshot as any_snapshot
 
@@ -44,7 +43,7 @@ STEP = ViewState(step="implant")
 
 @pytest.fixture(scope="module")
 def demo():
-    return bed_only(load_session(demo_session()))
+    return bed_only(demo_parts.demo())
 
 
 @pytest.fixture(scope="module")
@@ -204,8 +203,7 @@ def test_the_robot_is_asked_by_a_button_and_its_verdict_stands_beside_it(demo):
     gui, recorder, _ = panel_of(snapshot(demo))
     gui.find("button", "Plan milling").happen(CLIENT)
     assert recorder.sent[-1] == PlanMilling()
-    bench = new_workbench(demo)
-    bench.run(PlanMilling())
+    bench = new_workbench(demo_parts.demo().with_result("rehearsal", None))
     gui, _, _ = panel_of(snapshot(demo), snapshot(bench.session))
     said = milling_verdict(milling_plan_of(bench.session))
     assert f'<div class="r-note good">{said}</div>' in gui.html()
@@ -219,16 +217,15 @@ def test_the_robot_is_asked_by_a_button_and_its_verdict_stands_beside_it(demo):
 def test_the_rehearsal_waits_for_a_plan_and_its_verdict_stands_below_it(demo):
     gui, recorder, _ = panel_of(snapshot(demo))
     assert gui.find("button", "Rehearse milling").disabled
-    bench = new_workbench(demo)
-    bench.run(PlanMilling())
+    rehearsed = demo_parts.demo()
+    bench = new_workbench(rehearsed.with_result("rehearsal", None))
     gui, recorder, _ = panel_of(snapshot(demo), snapshot(bench.session))
     button = gui.find("button", "Rehearse milling")
     assert not button.disabled
     button.happen(CLIENT)
     assert recorder.sent[-1] == RehearseMilling()
-    bench.run(RehearseMilling())
-    said = rehearsal_verdict(bench.session.results.get("rehearsal").value)
-    gui, _, _ = panel_of(snapshot(demo), snapshot(bench.session))
+    said = rehearsal_verdict(rehearsed.results.get("rehearsal").value)
+    gui, _, _ = panel_of(snapshot(demo), snapshot(rehearsed))
     assert said in gui.html()
     bench.dispatch(SetProbe(name="1MHz"))
     gui, _, _ = panel_of(snapshot(demo), snapshot(bench.session))

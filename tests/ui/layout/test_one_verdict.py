@@ -1,7 +1,6 @@
 """Step list, notes of the panels and table of figures say the same of the same thing."""
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,6 @@ from rona_core.devices.live import LiveState
 from rona_core.devices.samples import JointSample
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
 from rona_ui.panels.layout.docks import STEP_PANELS
 from rona_ui.panels.layout.quality import QualityPanel
 from rona_ui.panels.layout.run_bar import GO_ON, RunBar, StepList, StepTitle
@@ -36,13 +34,7 @@ from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.roll import RollsLayer
 from tests.helpers.ui.fake_gui import FakeClient, FakeGui
 
-DEMO = Path(__file__).resolve().parents[3] / "sessions" / "demo.rona"
 NOTHING = PanelContext(*[lambda *_: None] * 5)  # type: ignore[arg-type]
-
-
-@pytest.fixture(scope="module")
-def demo() -> Session:
-    return load_session(DEMO)
 
 
 def snapshot(session: Session, step: str, **parts: Any) -> Snapshot:

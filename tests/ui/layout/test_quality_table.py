@@ -3,7 +3,6 @@
 import re
 import threading
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,7 +13,6 @@ from rona_core.app.runtime.handling import handle
 from rona_core.app.steps.setup.messages import SetSeed
 from rona_core.devices.live import LiveState
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
 from rona_ui.panels.layout.quality import QualityPanel
 from rona_ui.panels.layout.run_bar import StepList
 from rona_ui.presentation.snapshot import Snapshot
@@ -23,7 +21,6 @@ from rona_ui.window.background_figures import BackgroundFigures
 from tests.helpers.ui.fake_gui import FakeGui
 from tests.ui.layout.test_one_verdict import NOTHING
 
-DEMO = Path(__file__).resolve().parents[3] / "sessions" / "demo.rona"
 FIGURES = {
     "tool_tip_error_mm": 0.21,
     "surface_rms_mm": 0.31,
@@ -31,11 +28,6 @@ FIGURES = {
     "inner_rms_mm": 1.0,
     "thickness_rms_mm": 2.0,
 }
-
-
-@pytest.fixture(scope="module")
-def demo() -> Session:
-    return load_session(DEMO)
 
 
 def snapshot(session: Session, step: str, **parts: Any) -> Snapshot:

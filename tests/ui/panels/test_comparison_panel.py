@@ -12,14 +12,13 @@ from rona_core.app.steps.maps.comparison import compare_maps, compare_with_truth
 from rona_core.compose import new_workbench
 from rona_core.errors import InvalidInputError
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
 from rona_ui.panels.maps.comparison import ComparisonFolder, compared_with_file
 from rona_ui.presentation.shown import opens_window
 from rona_ui.presentation.view_state import ViewState
-from rona_ui.resources import demo_session
 from rona_ui.scene.path.path_editing import point_at
 from rona_ui.window.browser import COMPARE
 from tests.helpers.ui.fake_gui import FakeClient, FakeGui
+from tests.scenes import demo_parts
 from tests.scenes.map_ct import ct_of
 from tests.ui.panels.test_panels import Recorder
 from tests.ui.panels.test_panels import snapshot as any_snapshot
@@ -27,7 +26,7 @@ from tests.ui.panels.test_panels import snapshot as any_snapshot
 
 @pytest.fixture(scope="module")
 def bench():
-    bench = new_workbench(load_session(demo_session()))
+    bench = new_workbench(demo_parts.demo())
     yield bench
     bench.close()
 

@@ -2,28 +2,19 @@
 
 from types import SimpleNamespace
 
-import pytest
-
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.steps.maps.export import EXPORTS
 from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.compose import new_workbench
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
 from rona_ui.panels.maps.export import ExportFolder
 from rona_ui.presentation.view_state import ViewState
-from rona_ui.resources import demo_session
 from rona_ui.window.browser import Browser
 from tests.helpers.ui.fake_gui import FakeClient, FakeGui
 from tests.ui.panels.test_panels import Recorder
 from tests.ui.panels.test_panels import snapshot as any_snapshot
 
 CLIENT = FakeClient()
-
-
-@pytest.fixture(scope="module")
-def demo():
-    return load_session(demo_session())
 
 
 def snapshot(session):

@@ -194,6 +194,7 @@ def test_a_job_that_failed_is_kept_with_its_step_and_one_that_was_cancelled_is_n
 # -- real websockets -------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:Queued a:UserWarning")  # what is built for nobody goes nowhere
 def test_short_visits_leave_nobody_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Browsers that stay a moment only, by the way that real ones come."""
