@@ -8,6 +8,7 @@
 #   make bench         figures beside those of peers (SUITE=path for one suite, JSON=1 a list, FULL=1 all seeds)
 #   make profile       CPU time of a procedure by steps and functions (SEED=3, KEEP=1)
 #   make results       run the procedure over seeds and skulls and write docs/results.md
+#   make metrics       write the tables of docs/metrics.md from the declared figures
 #   make honesty       hold every predicted error against the truth and write docs/honesty.md (FULL=1)
 #   make reliability   kills, cuts, floods, broken files, two programs on one file (FULL=1)
 #   make accuracy      how wrong and how honest the boundary maps are, what fusion brings (FULL=1)
@@ -25,7 +26,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help run test test-all mutants gallery api check bench viewers profile results honesty reliability accuracy demo demo-session pictures animation screens constraints clean venv product browser
+.PHONY: help run test test-all mutants gallery api check bench viewers profile results metrics honesty reliability accuracy demo demo-session pictures animation screens constraints clean venv product browser
 
 PYTHON ?= python3
 VENV := .venv
@@ -159,6 +160,9 @@ screens: $(VENV)/.test
 
 results: $(VENV)/.product
 	$(ONE_THREAD) $(BIN)/python -m benchmarks.procedure_table
+
+metrics: $(VENV)/.product
+	$(BIN)/python -m benchmarks.metrics_page
 
 honesty: $(VENV)/.product
 	$(ONE_THREAD) $(BIN)/python -m benchmarks.honesty_page $(if $(FULL),--full)

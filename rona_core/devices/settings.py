@@ -7,13 +7,13 @@ from typing import ClassVar, Literal, get_args
 from rona_core.devices.limits import limited, number, require_limits
 from rona_core.devices.limits import require as require  # the same for other settings
 from rona_core.devices.limits import require_within as require_within
+from rona_core.devices.probes import PROBE_DATA
 
 HIDDEN = ("Cc", "Cf", "Cs", "Zl", "Zp")  # Unicode categories of what cannot be seen in a name
 STRICT = {"extra": "forbid", "allow_inf_nan": False}  # how a web layer parses these classes
 
 TrackerProfile = Literal["ideal", "polaris", "white035", "spectra", "vega"]
 PointerKind = Literal["pointer6d", "pointer5d"]
-ProbeName = Literal["2.25MHz", "1MHz"]
 Excitation = Literal["pulse", "chirp"]
 PulseShape = Literal["resonant", "damped", "double", "ringing"]
 
@@ -90,9 +90,6 @@ class TrackerSettings:
         return stated / 1000.0
 
 
-ROBOTS = {"rx90": "Stäubli RX90", "ur5": "UR5", "ur10": "UR10"}  # what people call them
-
-
 @dataclass(frozen=True, slots=True)
 class ContactSettings:
     """Force control of the probe; ``docs/algorithms/robot/force_control.md`` explains each."""
@@ -156,7 +153,7 @@ class ProbeSettings:
 
     __pydantic_config__: ClassVar = STRICT
 
-    name: ProbeName = "2.25MHz"
+    name: str = limited("2.25MHz", enum=tuple(PROBE_DATA))
     excitation: Excitation = "chirp"
     # front echo peak over in-band noise rms, perpendicular contact
     front_snr_db: float = number(50.0, "SNR", "dB", 0.0, 90.0, 1.0)

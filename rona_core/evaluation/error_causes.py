@@ -32,17 +32,6 @@ if TYPE_CHECKING:
 
 LEAST_SAMPLES = 12  # that tell an error of the thickness
 
-KEYS = (
-    "outer_by_links_mm",
-    "outer_by_head_mm",
-    "outer_by_probe_mm",
-    "outer_by_sampling_mm",
-    "thickness_by_speed_mm",
-    "thickness_by_place_mm",
-    "thickness_by_echo_mm",
-    "thickness_by_interpolation_mm",
-)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _FirstPass:

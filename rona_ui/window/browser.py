@@ -8,10 +8,9 @@ from typing import Any, get_args
 
 import numpy as np
 
+from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.runtime.session_registry import SessionRegistry
-from rona_core.app.steps.implant.export import export_bed
 from rona_core.app.steps.implant.view import moved_bed
-from rona_core.app.steps.maps.export import export_maps
 from rona_core.app.steps.setup.messages import SetRegion
 from rona_core.errors import NotFoundError, RonaError
 from rona_core.geometry.arrays import Floats
@@ -282,10 +281,7 @@ class Browser:
             path = self._hub.save()
             notify(self.client, "Saved", path.name, "green")
         elif verb == "export":
-            data = export_maps(self._hub.get().session, name)
-            self.client.send_file_download(name, data, save_immediately=True)
-        elif verb == "export-bed":
-            data = export_bed(self._hub.get().session, name)
+            data = REGISTRY.export(self._hub.get().session, name)
             self.client.send_file_download(name, data, save_immediately=True)
         elif verb in COMPARE and isinstance(data, bytes):
             view = self._view

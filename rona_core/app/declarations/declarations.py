@@ -196,6 +196,15 @@ class StepLine:
 
 
 @dataclass(frozen=True, slots=True)
+class Export:
+    """A file for other programs: its name, what it holds, and what makes it of a session."""
+
+    name: str
+    says: str
+    make: Callable[[Session], bytes]
+
+
+@dataclass(frozen=True, slots=True)
 class Step:
     """All that belongs to a step. One without a line is part of another, or of several."""
 
@@ -205,5 +214,6 @@ class Step:
     activities: tuple[Activity, ...] = ()
     captures: tuple[Capture, ...] = ()
     results: tuple[Result, ...] = ()
+    exports: tuple[Export, ...] = ()
     line: StepLine | None = None
     part_of: str | None = None  # the step whose captures and results are listed with these

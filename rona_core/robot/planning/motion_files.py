@@ -5,13 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rona_core.devices.robots import UNIVERSAL
 from rona_core.devices.settings import require
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats
-from rona_core.robot.kinematics.universal_robots import HOME_DEG
 from rona_core.robot.trajectory.trajectory import TimedMotion
 
-UR_ARMS = tuple(HOME_DEG)
 PERIOD_S = 0.008  # of servoj, on controllers of the CB series; those of the e series are faster
 LOOKAHEAD_S, GAIN = 0.03, 1000  # the least smoothing that servoj has, so that it lags the least
 SPEED_RAD_PER_S, ACCELERATION_RAD_PER_S2 = 0.3, 0.5  # of the move to where the motion begins
@@ -62,9 +61,9 @@ def urscript(
     Raises:
         InvalidInputError: another robot, or a pause while it moves.
     """
-    if model not in UR_ARMS:
+    if model not in UNIVERSAL:
         raise InvalidInputError(
-            f"URScript is for arms of Universal Robots ({', '.join(UR_ARMS)}), this is the "
+            f"URScript is for arms of Universal Robots ({', '.join(UNIVERSAL)}), this is the "
             f"{model}: take the table of joint angles"
         )
     lines = [*_header(model, motion, digest), f"def {name}():", *FOLLOW]

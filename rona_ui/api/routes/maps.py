@@ -7,13 +7,13 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from fastapi import APIRouter, Path, Query, Response
 
+from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.steps.maps.accuracy.map_draws import MOST_DRAWS, draw_maps
 from rona_core.app.steps.maps.comparison import (
     ErrorFigures,
     MapComparison,
     compare_with_truth,
 )
-from rona_core.app.steps.maps.export import NAMES, export_maps
 from rona_core.app.steps.maps.volume import volume_file
 from rona_ui.api.bodies import BodyRoute
 from rona_ui.api.context import Bench
@@ -27,19 +27,27 @@ def _file(of: str) -> dict[int | str, dict[str, Any]]:
     return {200: {"content": {OCTETS: {}}, "description": f"The {of} file"}}
 
 
-ExportName = Annotated[str, Path(description=f"one of {', '.join(NAMES)}")]
+ExportName = Annotated[
+    str,
+    Path(
+        description="; ".join(f"`{one.name}`: {one.says}" for one in REGISTRY.exports.values()),
+        json_schema_extra={"enum": list(REGISTRY.exports)},
+    ),
+]
 
 
 @router.get(
     "/sessions/{session_id}/export/{name}", response_class=Response, responses=_file("exported")
 )
 def get_export(bench: Bench, name: ExportName) -> Response:
-    """Download a file of the robot's maps for another program; `maps.zip` holds all of them.
+    """Download a file of the maps or of the implant bed for another program.
 
-    Places are in `base`, in mm. Refused while there are no maps, or while they are stale.
+    Places are in `base`, in mm; the milling path is in `bed`. Refused while the result that it is
+    made of is missing or stale, where the bed does not lie wholly in the maps, and a motion of the
+    robot while it is not certified.
     """
     headers = {"Content-Disposition": f'attachment; filename="{name}"'}
-    return Response(export_maps(bench.session, name), media_type=OCTETS, headers=headers)
+    return Response(REGISTRY.export(bench.session, name), media_type=OCTETS, headers=headers)
 
 
 DepthStep = Annotated[float, Query(ge=0.1, le=1.0, description="height of a voxel")]

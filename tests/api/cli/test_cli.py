@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from rona_core.app.overview.acceptance import FIGURES
+from rona_core.app.declarations.figures import FIGURES
 from rona_core.app.procedure import IMPLANT, PROCEDURE, WITHOUT_REFERENCES
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.compose import DemoSkull, new_workbench

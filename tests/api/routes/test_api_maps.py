@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import trimesh
 
+from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.steps.maps.accuracy.map_draws import draw_maps
 from rona_core.app.steps.maps.comparison import compare_maps
-from rona_core.app.steps.maps.export import export_maps
 from rona_core.app.steps.maps.volume import echo_volume
 from tests.scenes.map_ct import ct_of
 
@@ -87,7 +87,7 @@ def test_draws_of_no_maps_are_refused(at):
 def test_an_exported_file_is_the_one_that_a_script_gets(web, client, demo, at):
     answer = client.get(f"/sessions/{demo}/export/bone.stl")
     assert answer.status_code == 200, answer.text
-    assert answer.content == export_maps(web.hub.get(demo).session, "bone.stl")
+    assert answer.content == REGISTRY.export(web.hub.get(demo).session, "bone.stl")
     assert 'filename="bone.stl"' in answer.headers["content-disposition"]
     answer = client.get(f"/sessions/{demo}/export/bone.stp")
     assert (answer.status_code, answer.json()["code"]) == (404, "not_found")
@@ -112,7 +112,7 @@ def test_maps_are_compared_with_the_true_bone_and_with_a_file(web, client, demo,
     assert (truth["reference"], truth["registration"]) == ("true bone", None)
     rows = {row["name"]: row for row in truth["figures"]}
     assert 0.0 < rows["outer"]["rms_mm"] < 0.5
-    mesh = export_maps(web.hub.get(demo).session, "bone.ply")
+    mesh = REGISTRY.export(web.hub.get(demo).session, "bone.ply")
     found = compared(web, client, demo, "bone.ply", mesh, register="surface")["result"]
     wanted = compare_maps(web.hub.get(demo).session, mesh, "bone.ply", "surface")
     assert found["reference"] == "bone.ply"

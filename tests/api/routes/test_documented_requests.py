@@ -10,7 +10,6 @@ from urllib.parse import quote
 import pytest
 
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.steps.maps.export import NAMES
 from tests.helpers.documented_requests import documented
 
 STREAMS = ("/stream", "/events")
@@ -92,7 +91,7 @@ def addresses(request, session, job):
     if "{step}" in path:
         return [path.replace("{step}", f"{step}?max_points=2") for step in REGISTRY.listed]
     if "{name}" in path:
-        return [path.replace("{name}", quote(name)) for name in NAMES]
+        return [path.replace("{name}", quote(name)) for name in REGISTRY.exports]
     assert not re.search(r"[{}…]", path), f"{request.page}: what does {request.path} stand for?"
     return [path]
 

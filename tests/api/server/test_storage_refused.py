@@ -250,7 +250,7 @@ def test_a_refusal_anywhere_says_cause_and_remedy(name, web, client, tmp_path, m
     temporary = tmp_path / "temporary"
     temporary.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(temporary))
-    monkeypatch.setattr(export, "export_maps", lambda session, name: b"maps")
+    monkeypatch.setattr(export.REGISTRY, "export", lambda session, name: b"maps")
     monkeypatch.setattr(subprocess, "run", found_nothing)  # of the process that reads: see below
     refusals = 0
     for kind in CALLS:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from rona_core.app.declarations.figures import FIGURES
 from rona_core.app.overview.acceptance import quality_rows
 from rona_core.app.report.report import session_report
 from rona_core.app.steps.pointer.messages import StartPointerCapture
@@ -20,7 +21,6 @@ from rona_core.app.steps.setup.messages import SetRobot, SetSeed, SetTracker, Se
 from rona_core.app.steps.tool.calibration_view import calibration_view
 from rona_core.app.steps.tool.derivation import tool_dwells
 from rona_core.app.steps.tool.messages import StartToolCapture
-from rona_core.calibration.hand_eye.quality import REGISTRATION_TITLE
 from rona_core.calibration.hand_eye.robot_accuracy import (
     FALSE_ALARM,
     check_robot_accuracy,
@@ -127,13 +127,14 @@ def test_a_contradicted_registration_is_not_good_wherever_it_is_shown(contradict
     assert "0.35 mm are assumed" in reason
     assert "register again" in reason
     view = calibration_view(contradicted, "tool")
-    assert REGISTRATION_TITLE in [one.title for one in view.expected]
+    title = FIGURES["tracker_registration_sigma_mm"].title
+    assert title in [one.title for one in view.expected]
     rows = {row.key: row for row in quality_rows({}, contradicted)}
     row = rows["tracker_registration_sigma_mm"]
-    assert row.title == REGISTRATION_TITLE == "Registration, assumed"
+    assert row.title == title == "Registration, assumed"
     assert (row.verdict, row.reason) == ("review", reason)
     page = session_report(contradicted, {}, None)
-    assert REGISTRATION_TITLE in page
+    assert title in page
     assert "0.35 mm are assumed" in page
 
 

@@ -5,11 +5,12 @@ from types import SimpleNamespace
 
 import pytest
 
+from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.steps.implant.bed_lines import lines_verdict
 from rona_core.app.steps.implant.burr.messages import StartBurrCapture
 from rona_core.app.steps.implant.burr.view import burr_view
-from rona_core.app.steps.implant.export import MOTIONS, NAMES, export_bed
+from rona_core.app.steps.implant.export import EXPORTS, MOTIONS
 from rona_core.app.steps.implant.messages import (
     PlaceBed,
     PlanMilling,
@@ -166,29 +167,29 @@ def test_without_a_bed_only_the_fields_are_there():
 def test_the_chosen_file_is_downloaded(demo):
     gui, recorder, _ = panel_of(snapshot(demo))
     chosen, button = gui.find("dropdown", "File"), gui.find("button", "Download bed")
-    assert tuple(chosen.options) == tuple(name for name in NAMES if name not in MOTIONS)
+    assert tuple(chosen.options) == tuple(one.name for one in EXPORTS if one.name not in MOTIONS)
     chosen.value = "bed.stl"
     button.happen(CLIENT)
-    assert recorder.services == ["export-bed:bed.stl"]
+    assert recorder.services == ["export:bed.stl"]
     sent = []
     browser = object.__new__(Browser)
     browser.client = SimpleNamespace(
         send_file_download=lambda name, data, **rest: sent.append((name, data))
     )
     browser._hub = SimpleNamespace(get=lambda: SimpleNamespace(session=demo))
-    browser._serve("export-bed:bed.stl", None)
-    assert sent == [("bed.stl", export_bed(demo, "bed.stl"))]
+    browser._serve("export:bed.stl", None)
+    assert sent == [("bed.stl", REGISTRY.export(demo, "bed.stl"))]
 
 
 def test_what_cannot_be_exported_says_why(demo, astray, stale):
     with pytest.raises(NotFoundError, match=r"bed\.stl"):
-        export_bed(demo, "bed.step")
+        REGISTRY.export(demo, "bed.step")
     with pytest.raises(StepBlockedError, match="place the implant bed"):
-        export_bed(Session(), "bed.stl")
+        REGISTRY.export(Session(), "bed.stl")
     with pytest.raises(StepBlockedError, match="choose another place"):
-        export_bed(astray, "bed.stl")
+        REGISTRY.export(astray, "bed.stl")
     with pytest.raises(StaleResultError, match="stale"):
-        export_bed(stale, "bed.stl")
+        REGISTRY.export(stale, "bed.stl")
 
 
 def test_a_stale_bed_is_neither_green_nor_given_away(stale):

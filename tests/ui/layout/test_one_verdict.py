@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rona_core.app.declarations.figures import FIGURES
 from rona_core.app.dependencies.step_states import step_states
-from rona_core.app.overview.acceptance import FIGURES, judgement, quality_rows
+from rona_core.app.overview.acceptance import judgement, quality_rows
 from rona_core.app.runtime.handling import handle
 from rona_core.app.steps.path.messages import MovePathPoint
 from rona_core.app.steps.scan.messages import StartHome, StartRetract
@@ -168,7 +169,7 @@ def test_normals_of_a_skull_of_voxels_are_told_why(demo):
     object.__setattr__(of_voxels.setup, "specimen", skull)
     from rona_core.app.overview.acceptance import _with_own_word
 
-    judged_as, reason = _with_own_word("normal_error_p95_deg", "fail", of_voxels)
+    judged_as, reason = _with_own_word(FIGURES["normal_error_p95_deg"], "fail", of_voxels)
     assert judged_as == "fail"
     assert "voxels" in reason
 

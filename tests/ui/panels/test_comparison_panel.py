@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.steps.maps.comparison import compare_maps, compare_with_truth
-from rona_core.app.steps.maps.export import export_maps
 from rona_core.app.steps.maps.messages import StartComparison
 from rona_core.compose import new_workbench
 from rona_core.errors import InvalidInputError
@@ -44,7 +44,7 @@ def test_the_true_bone_is_there_at_once_and_a_file_takes_its_place(bench):
     assert f"{truth.figures[0].rms_mm:.2f}" in gui.html()
     back = gui.find("button", "Compare with the true bone")
     assert not back.visible
-    found = compare_maps(demo, export_maps(demo, "outer.ply"), "<outer>.ply", "surface")
+    found = compare_maps(demo, REGISTRY.export(demo, "outer.ply"), "<outer>.ply", "surface")
     folder.render(shown, replace(shown, compared=found))
     assert back.visible
     assert "&lt;outer&gt;.ply" in gui.html()
@@ -106,7 +106,7 @@ def test_what_each_pair_is_off_by_is_shown_until_the_pairs_change(bench):
     corners = ((0.0, 0.0, 0.0), (30.0, 0.0, 0.0), (0.0, 30.0, 0.0), (0.0, 0.0, 31.0))
     pairs = tuple((corner, corner[:2] + (min(corner[2], 30.0),)) for corner in corners)
     points = tuple(zip(*pairs, strict=True))
-    found = compare_maps(demo, export_maps(demo, "outer.ply"), "outer.ply", "points", points)
+    found = compare_maps(demo, REGISTRY.export(demo, "outer.ply"), "outer.ply", "points", points)
     off = found.place.points_off_mm
     assert 0.1 < off.max() < 1.0
     view = ViewState(step="maps", pairs=pairs, compared_pairs=pairs)

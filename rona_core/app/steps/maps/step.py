@@ -15,6 +15,7 @@ from rona_core.app.steps.maps.derivation import (
     derive_maps,
     derive_second_detection,
 )
+from rona_core.app.steps.maps.export import EXPORTS
 from rona_core.app.steps.maps.further_passes import forget_corrections, with_pass
 from rona_core.app.steps.maps.gap_plan import derive_second, recompute_second
 from rona_core.app.steps.maps.messages import (
@@ -112,6 +113,7 @@ STEP = declare.Step(
             stored=forget_corrections,
         ),
     ),
+    exports=EXPORTS,
     results=(
         declare.Result(
             "detection",
