@@ -5,8 +5,6 @@ from dataclasses import dataclass, field
 from typing import ClassVar, Literal, get_args
 
 from rona_core.devices.limits import limited, number, require_limits
-from rona_core.devices.limits import require as require  # the same for other settings
-from rona_core.devices.limits import require_within as require_within
 
 HIDDEN = ("Cc", "Cf", "Cs", "Zl", "Zp")  # Unicode categories of what cannot be seen in a name
 STRICT = {"extra": "forbid", "allow_inf_nan": False}  # how a web layer parses these classes
