@@ -5,13 +5,12 @@ where an inner echo is sure and nowhere else. Without enough of them thin, thick
 alike, and then no figure is given and no probe is advised.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from rona_core.devices.settings import ProbeName
+from rona_core.devices.settings import PROBE_TITLES, ProbeName
 from rona_core.ultrasound.detection.detect import (
     REMOVED,
     TILTED,
@@ -22,7 +21,6 @@ from rona_core.ultrasound.detection.detect import (
 )
 
 BoneEvidence = Literal["no front", "no echo", "faint", "thin", "thick", "mixed", "suits"]
-PROBE_TITLES: Mapping[ProbeName, str] = {"2.25MHz": "2.25 MHz", "1MHz": "1 MHz"}
 THIN_MM, THICK_MM = 4.0, 8.0  # below it the echoes merge at 1 MHz; beyond it 2.25 MHz fades
 ENOUGH = 20  # sure echoes, from which on something is said about the thickness
 MANY = 0.2  # share of thin or thick places at which another probe is better

@@ -16,10 +16,11 @@ from rona_core.app.steps.acoustics.view import loss_words
 from rona_core.app.steps.boundaries.ascan_view import FLAGS
 from rona_core.app.steps.boundaries.probe_advice import probe_advice
 from rona_core.app.steps.setup.messages import SetProbe
+from rona_core.devices.settings import PROBE_TITLES
 from rona_core.geometry.arrays import readonly
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
-from rona_core.ultrasound.detection.bone_verdict import ENOUGH, PROBE_TITLES, judge_bone
+from rona_core.ultrasound.detection.bone_verdict import ENOUGH, judge_bone
 from rona_core.ultrasound.detection.detect import (
     NO_FRONT,
     NO_INNER,

@@ -2,8 +2,8 @@
 
 from typing import Literal
 
-from rona_core.app.messages.message import message, within
-from rona_core.devices.limits import PLACE, limited
+from rona_core.app.messages.message import message
+from rona_core.devices.limits import PLACE_MM, choice, number
 from rona_core.mapping.second_pass import SecondPassSettings
 
 Corner = tuple[float, float]  # u and v in the plane of the maps, in mm
@@ -18,10 +18,29 @@ class StartMapping:
     Without a speed of sound it is the calibrated one, place by place, else the published one.
     """
 
-    method: Literal["subtract", "matched", "threshold"] = "subtract"
-    # None: calibrated, else published: 2.45 to 2.85
-    sound_speed_mm_per_us: float | None = within(1.5, 4.5, default=None)
-    cell_mm: float = within(0.5, 5.0, default=1.0)
+    method: Literal["subtract", "matched", "threshold"] = choice(
+        "subtract",
+        "Detection",
+        {
+            "subtract": "Front echo subtracted",
+            "matched": "Matched filter (paper)",
+            "threshold": "Threshold (paper)",
+        },
+        "Algorithm that finds the echoes; the first one is recommended",
+    )
+    sound_speed_mm_per_us: float | None = number(
+        None,
+        "Sound speed",
+        "mm/µs",
+        1.5,
+        4.5,
+        0.01,
+        hint="In bone",
+        none="calibrated, else published",
+    )
+    cell_mm: float = number(
+        1.0, "Cell size", "mm", 0.5, 5.0, 0.5, hint="Of the maps; smaller shows more, takes longer"
+    )
 
 
 @message
@@ -32,7 +51,7 @@ class StartGapPlan(SecondPassSettings):
     """
 
     # in the order of scanning; none: over the gaps
-    rows: tuple[Row, ...] = limited((), **PLACE, maxItems=MAX_ROWS)
+    rows: tuple[Row, ...] = number((), "Rows", "mm", *PLACE_MM, 0.5, maxItems=MAX_ROWS)
 
 
 @message
