@@ -50,8 +50,11 @@ def demo():
 
 
 @pytest.fixture(scope="module")
-def milled():
-    return demo_parts.demo().with_result("rehearsal", None)
+def milled(demo):
+    bench = new_workbench(demo)
+    bench.run(PlanMilling())
+    yield bench.session
+    bench.close()
 
 
 def with_plan(session, plan):

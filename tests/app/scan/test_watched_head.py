@@ -170,6 +170,7 @@ def test_at_rest_nothing_changes_by_a_bit(planned):
     bench.close()
 
 
+@pytest.mark.slow
 def test_by_position_alone_the_head_is_watched_too(planned):
     bench = new_workbench(planned.session)
     bench.dispatch(SetContact(pressed=False))
@@ -178,6 +179,7 @@ def test_by_position_alone_the_head_is_watched_too(planned):
     bench.close()
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     ("message", "reason"),
     [

@@ -129,6 +129,7 @@ def test_three_places_by_caliper_change_the_map_and_not_the_detection(mapped, ca
     bench.close()
 
 
+@pytest.mark.slow
 def test_the_gain_that_is_promised_is_the_one_that_comes(mapped):
     gain = reference_gain(mapped)
     assert gain.now_mm == pytest.approx(thickness_shares(mapped).total_mm, rel=0.02)

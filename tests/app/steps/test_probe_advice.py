@@ -23,6 +23,7 @@ from rona_core.ultrasound.detection.detect import (
     NO_FRONT,
     NO_INNER,
     OK,
+    REMOVED,
     TILTED,
     TOO_THICK,
     TOO_THIN,
@@ -76,6 +77,8 @@ def mixed(shares, n=100):
     [
         ("2.25MHz", {(6.0, OK): 1.0}, "suits", "2.25MHz", "suits this bone of 6.0 to 6.0 mm"),
         ("1MHz", {(6.0, OK): 1.0}, "suits", "1MHz", "1 MHz probe suits"),
+        ("2.25MHz", {(6.0, OK): 0.4, (5.0, TILTED): 0.6}, "suits", "2.25MHz", "suits"),
+        ("2.25MHz", {(6.0, OK): 0.4, (5.0, REMOVED): 0.6}, "suits", "2.25MHz", "suits"),
         ("1MHz", {(6.0, OK): 0.7, (3.0, OK): 0.3}, "thin", "2.25MHz", "under 4 mm at 30 %"),
         ("1MHz", {(6.0, OK): 0.7, (0.0, TOO_THIN): 0.3}, "thin", "2.25MHz", "under 4 mm at 30 %"),
         ("1MHz", {(6.0, OK): 0.9, (3.0, OK): 0.1}, "suits", "1MHz", "suits"),

@@ -190,6 +190,7 @@ def test_a_warm_line_that_was_calibrated_is_that_of_the_scan_by_hand():
         bench.close()
 
 
+@pytest.mark.slow
 def test_the_calibrated_speed_holds_in_the_scan_by_hand_too(measured):
     before_caliper = measured.with_capture("references", None).with_result("speed", None)
     bench = new_workbench(before_caliper)
