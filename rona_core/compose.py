@@ -1,6 +1,7 @@
 """Put the parts together: sessions with virtual devices, and the whole procedure in one call."""
 
 import time
+from collections.abc import Collection
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -10,9 +11,9 @@ from rona_core.app.declarations.declarations import Compute, compute_here
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.overview.predicted_accuracy import predicted_figures
 from rona_core.app.procedure import (
-    PROCEDURE,
+    TO_MAPS,
     Ending,
-    Messages,
+    Stages,
     StepProgress,
     run_procedure,
     unwatched,
@@ -25,6 +26,7 @@ from rona_core.app.steps.implant.milling_derivation import milling_model
 from rona_core.app.steps.implant.rehearsal import Rehearsal, derive_rehearsal
 from rona_core.app.steps.implant.view import milling_view
 from rona_core.app.steps.setup.messages import (
+    SetProbe,
     SetRegion,
     SetRobot,
     SetSeed,
@@ -32,6 +34,7 @@ from rona_core.app.steps.setup.messages import (
     StoreSkull,
 )
 from rona_core.devices.protocols import Cancel, Progress, Rig, Work, never
+from rona_core.devices.settings import ProbeName, ProbeSettings
 from rona_core.devices.world_settings import REALISTIC_WORLD, WorldSettings
 from rona_core.errors import DeviceError, RonaError
 from rona_core.evaluation.maps.map_errors import errors_of_maps
@@ -233,8 +236,10 @@ def run_demo(
     skull: DemoSkull = SIMULATED,
     *,
     robot: str = "rx90",
+    probe: ProbeName = "2.25MHz",
     world: WorldSettings = REALISTIC_WORLD,
-    messages: Messages = PROCEDURE,
+    among: Stages = TO_MAPS,
+    skip: Collection[str] = (),
     progress: StepProgress = unwatched,
     cancel: Cancel = never,
 ) -> tuple[Session, dict[str, Any]]:
@@ -244,8 +249,10 @@ def run_demo(
         seed: Seed of the patient, the placement and every noise.
         skull: What is scanned.
         robot: Name of the robot.
+        probe: Name of the probe.
         world: How far patient and devices are from what is told of them.
-        messages: What is done after set-up.
+        among: The stages after set-up; those up to the maps, where nothing else is chosen.
+        skip: Names of offered stages that are left out.
         progress: Called with the step and the share of it that is done.
         cancel: Asked now and then; returns True to end.
 
@@ -261,12 +268,14 @@ def run_demo(
         bench.dispatch(SetSeed(seed))
         if robot != "rx90":
             bench.dispatch(SetRobot(model=robot))
+        if probe != ProbeSettings().name:
+            bench.dispatch(SetProbe(name=probe))
         if world != REALISTIC_WORLD:
             bench.dispatch(SetWorld(**asdict(world)))
         _put_on_the_table(skull, bench, lambda share: progress("setup", share), cancel)
         bench.rig()
         progress("setup", 1.0)
-        ending = run_procedure(bench, progress=progress, cancel=cancel, messages=messages)
+        ending = run_procedure(bench, among, skip=skip, progress=progress, cancel=cancel)
         figures = _figures(bench, ending)
     finally:
         bench.close()
@@ -301,12 +310,14 @@ def _figures(bench: Workbench, ending: Ending) -> dict[str, Any]:
         figures = bench.figures()
     except RonaError as error:
         figures = {}
-        ending = Ending(False, ending.failed_step or "evaluation", ending.reason or str(error))
+        failed = ending.failed_step or "evaluation"
+        ending = Ending(False, failed, ending.reason or str(error), ending.left_out)
     figures["completed"] = ending.completed
-    figures["second_pass_reason"] = ending.second_pass_reason
-    figures["references_reason"] = ending.references_reason
-    figures["bed_reason"] = ending.bed_reason
-    figures["milling_reason"] = ending.milling_reason
+    left = ending.left_out
+    figures["second_pass_reason"] = left.get("gaps") or left.get("second")
+    figures["references_reason"] = left.get("caliper")
+    figures["bed_reason"] = ending.reason if ending.failed_step == "implant" else None
+    figures["milling_reason"] = left.get("milling") or left.get("rehearsal")
     if not ending.completed:
         figures |= {"failed_step": ending.failed_step, "reason": ending.reason}
     return figures

@@ -129,7 +129,8 @@ def _add_serve(verbs: Any) -> None:
 
 
 def _add_demo(verbs: Any) -> None:
-    verb = _verb(verbs, "demo", "carry out the complete procedure without a browser")
+    more = "Exit status: 0 done, 2 bad input, 3 without maps or without an implant bed."
+    verb = _verb(verbs, "demo", "carry out the complete procedure without a browser", more)
     verb.add_argument("--seed", type=int, default=0, help="patient, placement and noise (0)")
     verb.add_argument(
         "--specimen",
@@ -155,8 +156,10 @@ def _add_demo(verbs: Any) -> None:
     verb.add_argument("--world", default="realistic", metavar="NAME", help=text)
     text = "robot: rx90, ur5 or ur10 (rx90)"
     verb.add_argument("--robot", default="rx90", metavar="NAME", help=text)
-    text = "measure no thickness with a caliper: the published speed of sound"
-    verb.add_argument("--no-reference-points", action="store_true", help=text)
+    text = "probe: 2.25MHz or 1MHz (2.25MHz)"
+    verb.add_argument("--probe", default="2.25MHz", metavar="NAME", help=text)
+    text = "leave out a stage that need not be, e.g. caliper or gaps; may be repeated"
+    verb.add_argument("--skip", action="append", default=[], metavar="STAGE", help=text)
     verb.add_argument("--out", type=Path, metavar="FILE", help="save the session here")
     verb.add_argument("--json", action="store_true", help="print one JSON object, no table")
 

@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.metric import Metric, Progress, over_seeds
 from rona_core.app.dependencies.head_reference import watch_head
 from rona_core.app.overview.acceptance import quality_rows
-from rona_core.app.procedure import PROCEDURE, run_procedure
+from rona_core.app.procedure import run_procedure, stages
 from rona_core.app.steps.maps.derivation import derive_mapping
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.scan.head_view import head_figures
@@ -35,7 +35,7 @@ WORLDS = {
     "realistic": SetWorld(profile="realistic"),
     "hard": SetWorld(profile="hard"),
 }
-ONE_PASS = tuple(step for step in PROCEDURE if step[0] != "second")
+ONE_PASS = stages("maps", skip=("gaps", "second"))
 GOAL_COMMON_MM, GOAL_ALARMS = 0.05, 0.05
 
 
@@ -71,7 +71,7 @@ def run_of(seed: int, world: SetWorld) -> HeadRun | None:
     bench = new_workbench(Session(name=f"head, seed {seed}"))
     bench.dispatch(SetSeed(seed))
     bench.dispatch(world)
-    completed = run_procedure(bench, messages=ONE_PASS).completed
+    completed = run_procedure(bench, ONE_PASS).completed
     session = bench.session
     bench.close()
     watch = watch_head(session, session.captures.scan)

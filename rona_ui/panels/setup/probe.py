@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.steps.acoustics.messages import (
     CalibrateDelayLine,
     StartDelayLineCapture,
@@ -12,7 +13,7 @@ from rona_core.app.steps.acoustics.view import (
     ExpectedPerformance,
     WhatIf,
     edited_probe,
-    line_state,
+    line_words,
     probe_performances,
     probe_values,
 )
@@ -30,6 +31,7 @@ from rona_core.session.specimen import BoneKind
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
 from rona_ui.panels.widgets.panel_context import PanelContext, on_click
+from rona_ui.panels.widgets.step_panel import JudgementNote
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.fields import read_number
 
@@ -97,7 +99,7 @@ class ProbeFields:
         self._reset_line = self._context.send_button(
             self._gui, "Reset delay line", "restore", lambda: CalibrateDelayLine(use=False)
         )
-        self._line = self._gui.add_html("")
+        self._line = JudgementNote(self._gui, self._context)
 
     def message(self) -> SetProbe:
         """Return the command that the fields make; another name brings its own details."""
@@ -122,13 +124,10 @@ class ProbeFields:
         settings = session.setup.devices.probe
         self._table.content = performance_table(probe_performances(settings), settings)
         self._advice.content = advice_note(session)
-        state = line_state(session)
-        self._line.content = (
-            style.note("Nominal delay: not calibrated.")
-            if state is None
-            else style.note(state.sentence, style.BOXES[state.verdict])
-        )
-        self._reset_line.visible = state is not None
+        words = line_words(session)
+        found = judge_part("line", session)
+        self._line.show(words or "Nominal delay: not calibrated.", found, busy=busy)
+        self._reset_line.visible = bool(words)
         for button in (self._record, self._reset_line, self._restore):
             button.disabled = busy
 

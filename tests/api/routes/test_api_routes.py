@@ -33,7 +33,8 @@ POST /sessions/{session_id}/maps/comparison; GET /sessions/{session_id}/export/{
 GET /sessions/{session_id}/bed/path; GET /sessions/{session_id}/bed/stl
 GET /sessions/{session_id}/bed/motion; PUT /sessions/{session_id}/picture
 GET /sessions/{session_id}/bed/markups
-GET /files; GET /files/{file}/picture; GET /procedure
+GET /files; GET /files/{file}/picture; GET /sessions/{session_id}/procedure
+GET /sessions/{session_id}/next
 GET /sessions/{session_id}/events
 POST /sessions/{session_id}/replay; GET /jobs; GET /jobs/{job_id}; DELETE /jobs/{job_id}
 GET /jobs/{job_id}/events; GET /status; GET /status/events

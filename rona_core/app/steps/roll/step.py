@@ -3,15 +3,20 @@
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import Arguments
 from rona_core.app.dependencies.inputs import require_result, result_input
-from rona_core.app.dependencies.requirements import require_inputs
+from rona_core.app.dependencies.judge import require_inputs
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.messages.message import values_of
 from rona_core.app.messages.serialization import message_from
 from rona_core.app.runtime.handling import compute_one
 from rona_core.app.steps.roll import messages
-from rona_core.app.steps.roll.base_placement import derive_placement, require_move
+from rona_core.app.steps.roll.base_placement import (
+    derive_placement,
+    judge_places,
+    judge_plan,
+    require_move,
+)
 from rona_core.app.steps.roll.derivation import derive_chosen_roll, derive_roll
-from rona_core.app.steps.roll.plan_reasons import plan_reason, roll_summary
+from rona_core.app.steps.roll.plan_reasons import roll_summary
 from rona_core.app.steps.setup.inputs import BASE, DRIVEN
 from rona_core.app.steps.setup.messages import SetRobot
 from rona_core.app.steps.setup.step import set_robot
@@ -91,6 +96,7 @@ STEP = declare.Step(
             derive_roll,
             {"smoothing": SMOOTHING, **DRIVEN},
             "plan the motion (step 7)",
+            judged=judge_plan,
             recompute=recompute_roll,
         ),
         declare.Result(
@@ -99,6 +105,7 @@ STEP = declare.Step(
             derive_placement,
             {"smoothing": SMOOTHING, "base": BASE, **DRIVEN},
             "look for a place of the base (step 7)",
+            judged=judge_places,
         ),
     ),
     line=declare.StepLine(
@@ -106,6 +113,5 @@ STEP = declare.Step(
         roll_summary,
         messages.StartRollSearch,
         leaves=lambda session: (ROLL,),
-        unusable=plan_reason,
     ),
 )
