@@ -167,7 +167,7 @@ def test_maps_made_stale_by_a_caliper_are_made_again(demo, bench_of):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 6])
+@pytest.mark.parametrize("seed", [1, 3])
 def test_from_nothing_the_remedies_alone_lead_to_a_placed_bed(seed):
     bench, sent = new_session("remedies", seed=seed), []
     try:
