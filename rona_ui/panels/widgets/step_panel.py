@@ -73,8 +73,8 @@ class JudgementNote:
         self._message = None if remedy is None else remedy.message
         self._button.visible = self._message is not None
         self._button.disabled = busy
-        shown = remedy is not None and remedy.message is not None
-        self._button.label = style.sentence(remedy.words) if shown else "Remedy"
+        words = "" if remedy is None or remedy.message is None else remedy.words
+        self._button.label = style.sentence(words) or "Remedy"
 
 
 class StepPanel:

@@ -1,5 +1,7 @@
 """Step 10: the bed of an implant, searched or laid by hand, and how the robot mills it."""
 
+from typing import cast
+
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import (
     USABLE,
@@ -10,13 +12,17 @@ from rona_core.app.declarations.declarations import (
     Remedy,
 )
 from rona_core.app.dependencies.inputs import result_input
+from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.runtime.handling import compute_one, compute_result, computed, strip_for_worker
+from rona_core.app.steps.acoustics.messages import StartCaliperMeasurements
 from rona_core.app.steps.implant.bed_lines import BedLines, derive_bed_lines
 from rona_core.app.steps.implant.burr.derivation import KNOWN_BURR
+from rona_core.app.steps.implant.burr.messages import StartBurrCapture
 from rona_core.app.steps.implant.derivation import derive_placed, derive_search
 from rona_core.app.steps.implant.implant_bed import ImplantBed
 from rona_core.app.steps.implant.messages import (
+    ImplantName,
     PlaceBed,
     PlanMilling,
     RehearseMilling,
@@ -31,6 +37,7 @@ from rona_core.app.steps.implant.milling_plan import (
 )
 from rona_core.app.steps.implant.rehearsal import Rehearsal
 from rona_core.app.steps.implant.view import WANTED, percent
+from rona_core.app.steps.scan.messages import StartProbeMountingCapture
 from rona_core.app.steps.setup.inputs import MODEL, OBSTACLES
 from rona_core.errors import StepBlockedError
 from rona_core.session.document import Session
@@ -59,15 +66,29 @@ def rehearse_milling(
     return computed(activity, {"rehearsal": found}, session)
 
 
+# what makes the bone below a bed more certain, and so more beds safe
+CALIBRATIONS = {
+    "burr": Remedy("register the burr (step 10)", StartBurrCapture()),
+    "mounting": Remedy("record on the gauge plate (step 8)", StartProbeMountingCapture()),
+    "speed": Remedy("measure reference points (step 9)", StartCaliperMeasurements()),
+}
+
+
 def judge_bed(bed: ImplantBed, session: Session) -> Judgement:
-    """Return whether a bed is safe; one that was laid by hand is searched for otherwise."""
+    """Return whether a bed is safe; else what is not calibrated yet would make more beds so.
+
+    One that was laid by hand is searched for first.
+    """
     if bed.refusal is None:
         return USABLE
     words = f"first lay a bed that is safe (step 10): {bed.refusal}"
-    if bed.tried:  # the search found no better place
-        return Judgement("bad", words, Remedy("choose another implant or scan more bone (step 10)"))
-    search = StartBedSearch(**{"implant": bed.implant})
-    return Judgement("bad", words, Remedy("search the bed (step 10)", search))
+    if not bed.tried:
+        search = StartBedSearch(implant=cast(ImplantName, bed.implant))
+        return Judgement("bad", words, Remedy("search the bed (step 10)", search))
+    for name, remedy in CALIBRATIONS.items():
+        if judge_part(name, session).state == "missing":
+            return Judgement("bad", words, remedy)
+    return Judgement("bad", words, Remedy("choose another implant or scan more bone (step 10)"))
 
 
 def judge_milling(plan: MillingPlan, session: Session) -> Judgement:
