@@ -205,7 +205,7 @@ def run_procedure(
     An offered stage that fails is left out.
 
     Raises:
-        CancelledError: it was cancelled.
+        CancelledError: ``cancel`` returned True.
     """
     left: dict[str, str] = {}
     while (stage := next_stage(bench.session, {*skip, *left}, among)) is not None:

@@ -78,7 +78,7 @@ class TrackerSettings:
     minutes_on: float = number(60.0, "Warm-up time", "min", 0.0, 600.0, 1.0)
     # of the frames, which never arrive
     dropped_share: float = number(0.0, "Frame loss", "", 0.0, 0.5, 0.01)
-    place: TrackerPlace = FIRST_PLACE  # somebody may move it between captures
+    place: TrackerPlace = FIRST_PLACE  # it may be moved between captures
 
     def __post_init__(self) -> None:
         require_limits(self)

@@ -135,7 +135,7 @@ def evaluate(session: "Session", scene: VirtualScene) -> Figures:
         scene: The ground truth: seed and specimen of the same session. Where its settings are
             not those of the session any more, it is built anew.
 
-    ``wall_s`` is left None: only whoever ran the procedure knows it.
+    ``wall_s`` is left None: the caller that ran the procedure sets it.
     """
     if scene.settings != session.setup.devices:
         scene = build_scene(scene.seed, scene.specimen, session.setup.devices, scene.world)

@@ -33,7 +33,7 @@ class Compute(Protocol):
         """Return ``function(*args, progress=…, cancel=…)``, computed here or elsewhere.
 
         Raises:
-            CancelledError: somebody cancelled.
+            CancelledError: ``cancel`` returned True.
         """
         ...
 
@@ -71,7 +71,7 @@ class ActivityContext:
         """Return ``function(*args)``, computed where ``compute`` does, watched and cancellable.
 
         Raises:
-            CancelledError: somebody cancelled.
+            CancelledError: ``cancel`` returned True.
         """
         return self.compute(function, *args, progress=self.progress, cancel=self.cancel)
 

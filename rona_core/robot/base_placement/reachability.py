@@ -26,8 +26,8 @@ from rona_core.robot.redundancy.roll_grid import every_flange_pose
 Planner = Callable[[Path5D, Pose], RobotPlan]  # the path there, the old base there
 Spot = tuple[float, float, float, float]  # base_shift_mm and base_turn_deg
 
-NOTHING_WORKS = -100.0  # margins below this are not told apart
-STEP_SHARE = 0.15  # of the progress that is left, told for each place that is planned
+NOTHING_WORKS = -100.0  # margins below this are not distinguished
+STEP_SHARE = 0.15  # of the remaining progress, reported for each place that is planned
 
 
 class CoarseScreening:
@@ -92,7 +92,7 @@ class ReachabilityMap:
         self.refusals: list[str] = []
 
     def tick(self, share: float) -> None:
-        """Tell how far the search has come, and end it where somebody asked to."""
+        """Report the progress of the search, and end it where it was cancelled."""
         if self._cancel():
             raise CancelledError("the search for a place of the base was cancelled")
         self._done = max(self._done, min(1.0, share))

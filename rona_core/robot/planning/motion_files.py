@@ -21,7 +21,7 @@ COLUMNS = "time_s," + ",".join(f"q{joint}_rad" for joint in range(1, 7))
 
 @dataclass(frozen=True, slots=True)
 class Pause:
-    """A time at which the motion stands still and waits for somebody."""
+    """A time at which the motion stands still and waits for a confirmation."""
 
     time_s: float
     words: str  # what is to be done, plain letters
@@ -49,8 +49,8 @@ def urscript(
 ) -> str:
     """Return a motion as a program for the controller of a UR arm.
 
-    The arm goes slowly to the first posture, then `servoj` is told the joint angles every 8 ms,
-    linear between the samples, as they were certified. At pauses it waits until somebody confirms.
+    The arm goes slowly to the first posture, then `servoj` receives the joint angles every 8 ms,
+    linear between the samples, as they were certified. At pauses it waits for a confirmation.
 
     Args:
         model: Name of the robot.
@@ -111,8 +111,8 @@ def _header(model: str, motion: TimedMotion, digest: str) -> tuple[str, ...]:
         "# Joint angles in rad, base to wrist 3, zero as in the description of the maker; times",
         f"# in s, {last_s:.2f} s in all, for the model of the arm and not for its calibration.",
         "# CHECK IT AT REDUCED SPEED, without a burr and without a patient, before it is used.",
-        "# The program does not start the spindle. servoj lags behind what it is told; the",
-        "# certificate holds for the angles that are told, with this digest:",
+        "# The program does not start the spindle. servoj lags behind its set point; the",
+        "# certificate holds for the commanded angles, with this digest:",
         f"# {digest}",
     )
 

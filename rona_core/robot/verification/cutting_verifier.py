@@ -1,4 +1,4 @@
-"""Verification of a cutting motion: as any motion, and that the burr cuts what it is to only.
+"""Verification of a cutting motion: as any motion, and that the burr cuts only along its path.
 
 The tip follows the path at its feeds, the burr never goes below the planned floor, it goes sideways
 in the air over the bone only, and after every part the way home is the certified one. See
@@ -69,7 +69,7 @@ def verify_cutting(
     def cutting_checks(dense: DenseMotion) -> list[Check]:
         claim = _Claim(trajectory, dense, path)
         complete = _completeness_checks(claim, allowed)
-        if not all(one.holds for one in complete):  # nobody knows where the burr ought to be
+        if not all(one.holds for one in complete):  # the planned place of the burr is unknown
             return complete
         return [
             *complete,

@@ -4,7 +4,7 @@ The bound of Cramer and Rao for a nominal inner echo in the receiver's noise, an
 which that echo stands out. Rough surfaces, scatter and tilt come on top: no probe does better.
 
 A sweep tries detection with other probes, excitations and noise on a layered plate as in a skull,
-made anew for every cell by whoever records it; it is nobody's specimen, and detection learns
+made anew for every cell by the recorder; it is no specimen, and detection learns
 nothing of it. Errors are of the time of flight, stated as thickness at the nominal speed, so that
 the unknown speed of sound does not hide what the probe can do.
 """
@@ -166,11 +166,11 @@ def sweep(
         grid: Cells of the sweep.
         record: Makes the A-scans of a plate.
         seed: Of all plates.
-        progress: Told the share that is done.
+        progress: Receives the share that is done, 0 to 1.
         cancel: Asked between cells.
 
     Raises:
-        CancelledError: somebody cancelled.
+        CancelledError: ``cancel`` returned True.
     """
     cells = grid.cells
     rows: list[tuple[float, ...]] = []

@@ -18,7 +18,7 @@ from rona_core.ultrasound.detection.detect import (
     TOO_THICK,
     TOO_THIN,
     Detection,
-    heard,
+    has_inner_echoes,
 )
 
 BoneEvidence = Literal["no front", "no echo", "faint", "thin", "thick", "mixed", "suits"]
@@ -68,7 +68,7 @@ def judge_bone(found: Detection, *further: Detection) -> BoneVerdict:
             "again, or scan a longer path."
         )
         return BoneVerdict("no front", used, None, words)
-    if n_sure < ENOUGH or not heard(found):
+    if n_sure < ENOUGH or not has_inner_echoes(found):
         words = (
             f"Inner echo sure at {n_sure} of {n_places} places, {ENOUGH} are the least: thin, "
             "thick and lossy bone look alike without it, so neither a thickness nor a probe is "

@@ -68,7 +68,7 @@ def compare_maps(
         session: With its maps.
         data: Contents of the file: STL, PLY or OBJ in mm (a closed mesh holds both tables of the
             bone, an open one the outer table), a CT or a mask (NRRD, NIfTI), or another session.
-        name: Of the file; its ending says what it is.
+        name: Of the file; its extension names the format.
         how: The reference comes to ``base``, see ``place_reference``.
         pairs: Named points (n, 3) in the frame of the file and in ``base``.
         threshold: From which a value of a CT is bone.
