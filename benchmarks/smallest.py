@@ -38,6 +38,7 @@ MESSAGES = (
 UP_TO_SCAN = stages("scan", *MESSAGES, skip=("gauge",))
 ONE_PASS = stages("detection", *MESSAGES, skip=("gauge",))
 SHORT = stages("maps", *MESSAGES, skip=("gauge", "caliper"))
+small_survey = partial(scanned, among=UP_TO_SCAN, before=(REGION,))
 
 
 def small_workbench(session: Session) -> Workbench:
@@ -136,7 +137,9 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
     },
     "bone_kinds": {
         "suites.ultrasound.bone_kinds.SEEDS": (42_000,),
-        "suites.ultrasound.bone_kinds.scanned": partial(scanned, among=UP_TO_SCAN, setup=(REGION,)),
+        "suites.ultrasound.bone_kinds.scanned": partial(
+            scanned, among=UP_TO_SCAN, before=(REGION,)
+        ),
         "suites.ultrasound.bone_kinds.WORLDS": (("hard", 1.0, 1),),
     },
     "recorded_rf": {

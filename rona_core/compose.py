@@ -1,7 +1,6 @@
 """Put the parts together: sessions with virtual devices, and the whole procedure in one call."""
 
 import time
-from collections.abc import Collection
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -239,9 +238,7 @@ def run_demo(
     probe: ProbeName = "2.25MHz",
     world: WorldSettings = REALISTIC_WORLD,
     among: Stages = TO_MAPS,
-    skip: Collection[str] = (),
     progress: StepProgress = unwatched,
-    cancel: Cancel = never,
 ) -> tuple[Session, dict[str, Any]]:
     """Carry out the complete procedure with virtual devices and judge it against ground truth.
 
@@ -252,9 +249,7 @@ def run_demo(
         probe: Name of the probe.
         world: How far patient and devices are from their stated values.
         among: The stages after set-up; those up to the maps, where nothing else is chosen.
-        skip: Names of offered stages that are left out.
         progress: Called with the step and the share of it that is done.
-        cancel: Asked now and then; returns True to end.
 
     Returns:
         The session and its figures, with the keys of ``docs/metrics.md``.
@@ -272,10 +267,10 @@ def run_demo(
             bench.dispatch(SetProbe(name=probe))
         if world != REALISTIC_WORLD:
             bench.dispatch(SetWorld(**asdict(world)))
-        _put_on_the_table(skull, bench, lambda share: progress("setup", share), cancel)
+        _put_on_the_table(skull, bench, lambda share: progress("setup", share))
         bench.rig()
         progress("setup", 1.0)
-        ending = run_procedure(bench, among, skip=skip, progress=progress, cancel=cancel)
+        ending = run_procedure(bench, among, progress=progress)
         figures = _figures(bench, ending)
     finally:
         bench.close()
@@ -283,9 +278,7 @@ def run_demo(
     return bench.session, {**head, **figures, "wall_s": time.monotonic() - started}
 
 
-def _put_on_the_table(
-    skull: DemoSkull, bench: Workbench, progress: Progress, cancel: Cancel
-) -> None:
+def _put_on_the_table(skull: DemoSkull, bench: Workbench, progress: Progress) -> None:
     radius_mm = 25.0 if skull.radius is None else float(skull.radius)
     region = SetRegion(skull.center, radius_mm)  # refuses a bad region before a file is read
     if skull.path is not None:
@@ -298,7 +291,7 @@ def _put_on_the_table(
             radius_mm,
             skull.label,
             progress=progress,
-            cancel=cancel,
+            cancel=never,
         )
         bench.store.dispatch(StoreSkull(read))
     elif skull.center is not None or skull.radius is not None:

@@ -196,7 +196,6 @@ def run_procedure(
     bench: Workbench,
     among: Stages,
     *,
-    skip: Collection[str] = (),
     progress: StepProgress = unwatched,
     cancel: Cancel = never,
 ) -> Ending:
@@ -208,7 +207,7 @@ def run_procedure(
         CancelledError: ``cancel`` returned True.
     """
     left: dict[str, str] = {}
-    while (stage := next_stage(bench.session, {*skip, *left}, among)) is not None:
+    while (stage := next_stage(bench.session, left, among)) is not None:
         if cancel():
             raise CancelledError(f"cancelled before step {stage.name}")
         progress(stage.name, 0.0)

@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from rona_core.app.overview.acceptance import quality_rows
-from rona_core.app.procedure import OFFERED, PROCEDURE
+from rona_core.app.procedure import OFFERED, PROCEDURE, stages
 from rona_core.compose import DemoSkull, run_demo
 from rona_core.devices.settings import ProbeName
 from rona_core.devices.world_settings import WorldProfile, WorldSettings
@@ -44,8 +44,7 @@ def run(wanted: Any) -> int:
             robot=wanted.robot,
             world=WorldSettings(wanted.world),
             probe=wanted.probe,
-            among=PROCEDURE,
-            skip=wanted.skip,
+            among=stages(PROCEDURE[-1].name, skip=wanted.skip),
             progress=show,
         )
     if wanted.json:

@@ -47,20 +47,20 @@ class Survey:
     Ts_base_probe: Poses  # as the robot's joint angles have them
 
 
-def scanned(seed: int, among: Stages = UP_TO_SCAN, setup: Sequence[Message] = ()) -> Survey:
+def scanned(seed: int, among: Stages = UP_TO_SCAN, before: Sequence[Message] = ()) -> Survey:
     """Return the survey of one patient after one pass of the robot.
 
     Args:
         seed: Of the patient.
         among: Stages of the procedure, the scan the last of them.
-        setup: What is sent before them.
+        before: Commands that are sent before them.
 
     Raises:
         StepBlockedError: the procedure did not get as far as the scan.
     """
     bench = new_workbench(Session(name=f"survey, seed {seed}"))
     try:
-        for command in (SetSeed(seed), *setup):
+        for command in (SetSeed(seed), *before):
             bench.dispatch(command)
         ending = run_procedure(bench, among)
         scan, believed = bench.session.captures.scan, scan_poses(bench.session)

@@ -62,7 +62,7 @@ def test_nothing_is_next_where_all_is_done_and_all_that_is_offered_skipped(clien
 @pytest.mark.slow
 def test_what_is_next_leads_from_nothing_to_a_placed_bed(client):
     session = client.post("/sessions", json={"name": "next", "seed": 1}).json()["id"]
-    skipped = [name for name in OFFERED if name not in ("gauge", "burr")]
+    skipped = ["caliper", "milling", "rehearsal"]
     sent = lead(client, session, skipped)
     assert sent[:3] == ["StartToolCapture", "StartPointerCapture", "StartSurfaceCapture"]
     assert sent[-2:] == ["StartBurrCapture", "StartBedSearch"]
@@ -70,10 +70,7 @@ def test_what_is_next_leads_from_nothing_to_a_placed_bed(client):
     assert bed["refusal"] is None
     faster = {"scan_speed_mm_per_s": SetRobot().scan_speed_mm_per_s + 5.0}
     assert client.post(f"/sessions/{session}/commands/SetRobot", json=faster).is_success
-    assert lead(client, session, skipped) == [
-        "StartRollSearch",
-        "StartScan",
-        "StartMapping",
-        "StartBedSearch",
-    ]
+    again = lead(client, session, skipped)
+    assert again[:3] == ["StartRollSearch", "StartScan", "StartMapping"]
+    assert again[-1] == "StartBedSearch"
     client.delete(f"/sessions/{session}")

@@ -139,9 +139,10 @@ def test_an_offered_stage_that_fails_is_left_out_with_its_reason(demo, bench_of,
 
 
 def test_a_required_stage_that_fails_ends_the_run(demo, bench_of):
+    before = [name for name in OFFERED if name not in ("milling", "rehearsal")]
     refused = replace(demo.results.get("bed").value, refusal="too little bone is left")
     bed = replace(demo.results.get("bed"), value=refused)
-    ending = run_procedure(bench_of(demo.with_result("bed", bed)), PROCEDURE, skip=OFFERED)
+    ending = run_procedure(bench_of(demo.with_result("bed", bed)), stages("implant", skip=before))
     assert (ending.completed, ending.failed_step) == (False, "implant")
     assert "too little bone is left" in ending.reason
 
@@ -167,14 +168,14 @@ def test_maps_made_stale_by_a_caliper_are_made_again(demo, bench_of):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 3])
+@pytest.mark.parametrize("seed", [0, 1])
 def test_from_nothing_the_remedies_alone_lead_to_a_placed_bed(seed):
     bench, sent = new_session("remedies", seed=seed), []
     try:
         while not (found := judge_part("bed", bench.session)).holds:
             sent.append(send(found.remedy.message, bench))
-            assert len(sent) <= 20, sent
-        assert sent[:9] == [
+            assert len(sent) <= 9, sent
+        assert sent == [
             "StartToolCapture",
             "StartPointerCapture",
             "StartSurfaceCapture",

@@ -37,6 +37,7 @@ from rona_core.app.steps.implant.milling_plan import (
 )
 from rona_core.app.steps.implant.rehearsal import Rehearsal
 from rona_core.app.steps.implant.view import WANTED, percent
+from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan
 from rona_core.app.steps.scan.messages import StartProbeMountingCapture
 from rona_core.app.steps.setup.inputs import MODEL, OBSTACLES
 from rona_core.errors import StepBlockedError
@@ -66,8 +67,10 @@ def rehearse_milling(
     return computed(activity, {"rehearsal": found}, session)
 
 
-# what makes the bone below a bed more certain, and so more beds safe
-CALIBRATIONS = {
+# What maps more of the bone or makes it more certain, and so more beds safe: part, its remedy
+FURTHER = {
+    "second": Remedy("plan the second pass (step 9)", StartGapPlan()),
+    "capture second": Remedy("scan the gaps again (step 9)", StartGapScan()),
     "burr": Remedy("register the burr (step 10)", StartBurrCapture()),
     "mounting": Remedy("record on the gauge plate (step 8)", StartProbeMountingCapture()),
     "speed": Remedy("measure reference points (step 9)", StartCaliperMeasurements()),
@@ -75,7 +78,7 @@ CALIBRATIONS = {
 
 
 def judge_bed(bed: ImplantBed, session: Session) -> Judgement:
-    """Return whether a bed is safe; else what is not calibrated yet would make more beds so.
+    """Return whether a bed is safe; else what was not done yet and would make more beds so.
 
     One that was laid by hand is searched for first.
     """
@@ -85,7 +88,7 @@ def judge_bed(bed: ImplantBed, session: Session) -> Judgement:
     if not bed.tried:
         search = StartBedSearch(implant=cast(ImplantName, bed.implant))
         return Judgement("bad", words, Remedy("search the bed (step 10)", search))
-    for name, remedy in CALIBRATIONS.items():
+    for name, remedy in FURTHER.items():
         if judge_part(name, session).state == "missing":
             return Judgement("bad", words, remedy)
     return Judgement("bad", words, Remedy("choose another implant or scan more bone (step 10)"))
