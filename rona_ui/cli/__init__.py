@@ -131,7 +131,8 @@ def _add_serve(verbs: Any) -> None:
 
 
 def _add_demo(verbs: Any) -> None:
-    verb = _verb(verbs, "demo", "carry out the complete procedure without a browser")
+    more = "Exit status: 0 done, 2 bad input, 3 without maps or without an implant bed."
+    verb = _verb(verbs, "demo", "carry out the complete procedure without a browser", more)
     verb.add_argument("--seed", type=int, default=0, help="patient, placement and noise (0)")
     verb.add_argument(
         "--specimen",
@@ -158,8 +159,11 @@ def _add_demo(verbs: Any) -> None:
     first, *others = ROBOTS
     text = f"robot: {first} (default), {', '.join(others)}"
     verb.add_argument("--robot", default=first, metavar="NAME", help=text)
-    text = "measure no thickness with a caliper: the published speed of sound"
-    verb.add_argument("--no-reference-points", action="store_true", help=text)
+    first, *others = PROBE_DATA
+    text = f"probe: {first} (default), {', '.join(others)}"
+    verb.add_argument("--probe", default=first, metavar="NAME", help=text)
+    text = "leave out a stage that need not be, e.g. caliper or gaps; may be repeated"
+    verb.add_argument("--skip", action="append", default=[], metavar="STAGE", help=text)
     verb.add_argument("--out", type=Path, metavar="FILE", help="save the session here")
     verb.add_argument("--json", action="store_true", help="print one JSON object, no table")
 

@@ -126,6 +126,7 @@ class ViewState:
 
     step: str = "setup"
     open_tabs: frozenset[str] = frozenset()  # of the docks, as far as the page has told
+    skipped: frozenset[str] = frozenset()  # offered stages of the procedure that are passed over
     all_layers: bool = False  # show also what the step does not need
     hidden: frozenset[str] = frozenset(
         {"outer", "fused", "obstacles", "milling", "chance", "labels"}

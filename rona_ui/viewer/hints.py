@@ -4,7 +4,9 @@ HINTS = {
     # the procedure
     "Start": "Starts the active step with the fields below",
     "Cancel": "Ends the running job; what was there before is kept",
-    "Continue": "Opens the next step of the procedure and starts it",
+    "Continue": "Starts the next stage of the procedure, in its step",
+    "Skip": "Passes over this stage: the procedure is complete without it",
+    "Remedy": "Mends what the note above says",
     "Next step": "Opens the next step of the procedure",
     "Retract probe": "Lifts the probe off the bone along its axis",
     "Robot home": "Drives the robot home, the probe drawn back first where it stands on the bone",

@@ -14,7 +14,7 @@ from benchmarks.metric import Metric, Progress, over_seeds
 from rona_core.app.declarations.figures import limit_of
 from rona_core.app.dependencies.head_reference import watch_head
 from rona_core.app.overview.acceptance import quality_rows
-from rona_core.app.procedure import PROCEDURE, run_procedure
+from rona_core.app.procedure import run_procedure, stages
 from rona_core.app.steps.maps.derivation import derive_mapping
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.scan.head_view import head_figures
@@ -36,7 +36,7 @@ WORLDS = {
     "realistic": SetWorld(profile="realistic"),
     "hard": SetWorld(profile="hard"),
 }
-ONE_PASS = tuple(step for step in PROCEDURE if step[0] != "second")
+ONE_PASS = stages("maps", skip=("gaps", "second"))
 GOAL_COMMON_MM, GOAL_ALARMS = limit_of("head_shift_error_mm"), 0.05
 
 
@@ -72,7 +72,7 @@ def run_of(seed: int, world: SetWorld) -> HeadRun | None:
     bench = new_workbench(Session(name=f"head, seed {seed}"))
     bench.dispatch(SetSeed(seed))
     bench.dispatch(world)
-    completed = run_procedure(bench, messages=ONE_PASS).completed
+    completed = run_procedure(bench, ONE_PASS).completed
     session = bench.session
     bench.close()
     watch = watch_head(session, session.captures.scan)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import CancelledError as PoolCancelled
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol, TypeAlias, TypeVar
+from typing import Any, Literal, Protocol, TypeAlias, TypeVar
 
 from rona_core.devices.live import Live
 from rona_core.devices.protocols import Cancel, Progress, Rig, never, silent
@@ -81,7 +81,41 @@ class ActivityContext:
 Message: TypeAlias = Any
 Reason: TypeAlias = Callable[[Session], str | None]  # why something cannot be done; None: it can
 Arguments: TypeAlias = Mapping[str, object]
+# usable and weak are used by what follows; bad is there and fresh, and nothing uses it
+Standing: TypeAlias = Literal["usable", "weak", "missing", "stale", "blocked", "bad"]
 
+
+@dataclass(frozen=True, slots=True)
+class Remedy:
+    """What mends something that is not usable, in words and as a message that does it."""
+
+    words: str  # "plan the motion (step 7)"
+    message: Message | None = None  # None: no message does it, a person must act
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """State of a result or capture, why it is not usable, and what mends that."""
+
+    state: Standing
+    reason: str = ""
+    remedy: Remedy | None = None  # None where it is usable alone
+
+    def beside(self, words: str) -> str:
+        """Return ``words`` about something as a sentence, with why it is not used or weak."""
+        if self.holds:
+            return f"{words}; {self.reason}." if self.reason else f"{words}."
+        return f"{words}. Not used: {self.reason}."
+
+    @property
+    def holds(self) -> bool:
+        """Whether what follows uses it."""
+        return self.state in ("usable", "weak")
+
+
+USABLE = Judgement("usable")
+# of a value that is there and fresh, and the session that holds it
+Judge: TypeAlias = Callable[[Any, Session], Judgement]
 
 Perform: TypeAlias = Callable[[Message, Session, ActivityContext], Iterable[Message]]
 
@@ -95,6 +129,7 @@ class Input:
     upstream: str | None = None  # the result or capture ("capture scan") that may itself be stale
     optional: bool = False  # the result can do without it
     earlier: Callable[[Session], object] | None = None  # how older files read it
+    takes_bad: bool = False  # a bad one will do, as long as ``read`` finds a value
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +140,6 @@ class Command:
     handle: Callable[[Message, Session], Session] | None = None  # None: the store itself does it
     needs: tuple[Input, ...] = ()
     takes_stale: bool = False  # it looks itself at what is stale
-    blocked: Reason | None = None  # a further reason against it
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,8 +155,9 @@ class Activity:
     doing: str  # what people read while it runs
     needs: tuple[Input, ...] = ()
     drives_robot: bool = False
-    records: bool = False  # a capture, which has to fit into the session file
-    blocked: Reason | None = None  # a further reason against it
+    makes: tuple[str, ...] = ()  # names of the captures that it records
+    # a further reason against it, with its remedy; None: there is none
+    blocked: Callable[[Session], Judgement | None] | None = None
     check: Callable[[Message, Session], None] | None = None  # raises why this very one is blocked
     shown_in: str | None = None  # the step of the procedure it belongs to; None: the declaring one
     of_several_steps: bool = False
@@ -130,7 +165,7 @@ class Activity:
     @property
     def uses_devices(self) -> bool:
         """Whether it uses the devices, as one activity at a time may."""
-        return self.drives_robot or self.records
+        return self.drives_robot or bool(self.makes)
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,6 +182,7 @@ class Result:
     derive: Callable[..., object] | None  # None: it follows from no capture and is not replayed
     inputs: Mapping[str, Input]
     wanted: str = ""  # what to do to get it
+    judged: Judge | None = None  # None: one that is fresh is usable
     recompute: Callable[[Session, Arguments, Progress, Cancel], object] | None = None
     types: tuple[type, ...] = ()  # further classes a session file may hold below Results.more
 
@@ -192,7 +228,6 @@ class StepLine:
     partial: Reason | None = None
     partial_without: bool = True  # whether that counts before there is a result, too
     stale: Reason = _no_reason  # a further reason for what is there to be stale
-    unusable: Reason = _no_reason  # why what is there is of no use
 
 
 @dataclass(frozen=True, slots=True)

@@ -318,8 +318,8 @@ ROBOT_AND_SCAN = (
         "references_reason",
         "No reference points, because",
         "",
-        "why no reference points were measured with a caliper, null if they were, or none were "
-        "wanted",
+        "why no reference points were measured with a caliper, or why they are not used; null if "
+        "they are, or that stage was skipped",
     ),
     Figure(
         "scan_duration_s",
@@ -675,13 +675,14 @@ IMPLANT_BED = (
         "bed_reason",
         "No implant bed, because",
         "",
-        "why no implant bed was searched, null if one was, or none was wanted",
+        "why there is no safe implant bed, null if there is one, or the run ended before",
     ),
     Figure(
         "milling_reason",
         "Not milled, because",
         "",
-        "why the milling was not planned or not rehearsed, null if it was, or was not wanted",
+        "why the milling was not planned or not rehearsed, null if it was, or that stage was "
+        "skipped",
     ),
     Figure(
         "rehearsal_residual_mm",

@@ -117,7 +117,7 @@ def stale_root(inputs: tuple[Input, ...], session: Session) -> Input | None:
     It is stale itself, not for the sake of something before it, and belongs to the earliest step.
     """
     found = [root for item in inputs for root in _stale_roots(item, session)]
-    return min(found, key=lambda root: _place(root.upstream or ""), default=None)
+    return min(found, key=lambda root: place_of(root.upstream or ""), default=None)
 
 
 def _stale_roots(item: Input, session: Session) -> list[Input]:
@@ -134,11 +134,30 @@ def _stale_roots(item: Input, session: Session) -> list[Input]:
     return roots or [item]
 
 
-def _place(name: str) -> int:
-    """Return where in the procedure a result or capture comes; what is of no step comes last."""
-    step = name.removeprefix(CAPTURE)
-    names = REGISTRY.step_names
-    return names.index(step) if step in names else len(names)
+def is_orphan(item: Input, session: Session) -> bool:
+    """Return whether a capture lacks the result it rests on: a file too old to hold the plan.
+
+    Its scan can be mapped.
+    """
+    if item.upstream is None or not item.upstream.startswith(CAPTURE):
+        return False
+    after = REGISTRY.captures[item.upstream.removeprefix(CAPTURE)].after
+    if after is None or after.upstream is None or after.upstream.startswith(CAPTURE):
+        return False
+    return session.results.get(after.upstream) is None
+
+
+def place_of(name: str) -> int:
+    """Return where in the procedure a result or capture comes; -1 for none of them."""
+    names = [
+        part
+        for step in REGISTRY.steps
+        for part in (
+            *(f"{CAPTURE}{c.name}" for c in step.captures),
+            *(r.name for r in step.results),
+        )
+    ]
+    return names.index(name) if name in names else -1
 
 
 def _stale_capture(kind: str, session: Session) -> str | None:

@@ -13,7 +13,7 @@ from rona_core.app.steps.roll.plan_reasons import plan_reason, roll_summary
 from rona_core.app.steps.scan.contact_view import contact_report, delay_sentence
 from rona_core.app.steps.scan.head_view import head_report
 from rona_core.app.steps.scan.landmarks.gate import verification
-from rona_core.app.steps.scan.probe_mounting import mounting_view
+from rona_core.app.steps.scan.probe_mounting import mounting_words
 from rona_core.app.steps.tool.calibration_view import Step, calibration_view
 from rona_core.app.steps.tool.derivation import delay_words
 from rona_core.session.document import Session
@@ -77,11 +77,11 @@ def calibration_section(session: Session) -> Html:
     parts = [tag("h2", "Calibration and registration")]
     parts += [_calibration(session, step, title) for step, title in TITLES]
     lines: list[str] = []
-    tool, mounting, head = session.results.tool, mounting_view(session), head_report(session)
+    tool, mounting, head = session.results.tool, mounting_words(session), head_report(session)
     if tool is not None and tool.value.delay is not None:
         lines.append("{}: {}.".format(*delay_words(tool.value.delay)))
-    if mounting is not None:
-        lines.append(f"Probe mounting: {mounting.sentence}")
+    if mounting:
+        lines.append(f"Probe mounting: {mounting}")
     if head is not None:
         lines.append(head.sentence)
     lines.append(f"Verification on landmarks: {verification(session).sentence}")

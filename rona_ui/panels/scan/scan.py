@@ -3,6 +3,7 @@
 from dataclasses import asdict
 from typing import Any
 
+from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.steps.maps.growing_map import GrowingMap
 from rona_core.app.steps.scan.contact_view import contact_report, delay_sentence
 from rona_core.app.steps.scan.head_view import head_report, unwatched
@@ -11,14 +12,14 @@ from rona_core.app.steps.scan.messages import (
     StartProbeMountingCapture,
     StartScan,
 )
-from rona_core.app.steps.scan.probe_mounting import mounting_view
+from rona_core.app.steps.scan.probe_mounting import mounting_words
 from rona_core.app.steps.setup.messages import SetContact
 from rona_core.session.document import Session
 from rona_ui.panels.scan.landmarks import LandmarkControls
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import SettingsForm
 from rona_ui.panels.widgets.panel_context import PanelContext
-from rona_ui.panels.widgets.step_panel import StepPanel
+from rona_ui.panels.widgets.step_panel import JudgementNote, StepPanel
 from rona_ui.presentation.colors import GREEN, SKY, VERMILLION, css
 from rona_ui.presentation.shown import shown_growing_map
 from rona_ui.presentation.snapshot import Snapshot, changed
@@ -87,21 +88,17 @@ class MountingFields:
         self._reset = context.send_button(
             gui, "Reset mounting", "restore", lambda: CalibrateProbeMounting(use=False)
         )
-        self._found = gui.add_html("")
+        self._found = JudgementNote(gui, context)
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Say what is known of the mounting."""
+        if not changed(old, new, "session", "busy"):
+            return
         for button in (self._record, self._reset):
             button.disabled = new.busy
-        if not changed(old, new, "session"):
-            return
-        view = mounting_view(new.session)
-        self._reset.visible = view is not None
-        self._found.content = (
-            style.note("As drawn: not calibrated.")
-            if view is None
-            else style.note(view.sentence, style.BOXES[view.verdict])
-        )
+        words, found = mounting_words(new.session), judge_part("mounting", new.session)
+        self._reset.visible = bool(words)
+        self._found.show(words or "As drawn: not calibrated.", found, busy=new.busy)
 
 
 def growing_bar(growing: GrowingMap | None) -> str:
@@ -126,7 +123,6 @@ class ScanPanel(StepPanel):
         "halts the robot at once; recorded data are kept."
     )
     start = "Scan"
-    seen_first = True  # the probe touches the patient: mounting and landmarks come before
 
     def build(self) -> None:
         """Add how the probe is mounted, and pressed on."""

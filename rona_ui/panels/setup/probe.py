@@ -3,6 +3,7 @@
 from dataclasses import asdict
 from typing import Any
 
+from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.steps.acoustics.messages import (
     CalibrateDelayLine,
     StartDelayLineCapture,
@@ -13,7 +14,7 @@ from rona_core.app.steps.acoustics.view import (
     ExpectedPerformance,
     WhatIf,
     edited_probe,
-    line_state,
+    line_words,
     probe_performances,
     probe_values,
 )
@@ -26,6 +27,7 @@ from rona_core.session.specimen import BoneKind
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import SettingsForm
 from rona_ui.panels.widgets.panel_context import PanelContext, on_click
+from rona_ui.panels.widgets.step_panel import JudgementNote
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.fields import read_number
 
@@ -73,7 +75,7 @@ class ProbeFields:
         self._reset_line = self._context.send_button(
             self._gui, "Reset delay line", "restore", lambda: CalibrateDelayLine(use=False)
         )
-        self._line = self._gui.add_html("")
+        self._line = JudgementNote(self._gui, self._context)
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the session: rows, table and state of the line."""
@@ -83,13 +85,10 @@ class ProbeFields:
         session, settings = new.session, new.session.setup.devices.probe
         self._table.content = performance_table(probe_performances(settings), settings)
         self._advice.content = advice_note(session)
-        state = line_state(session)
-        self._line.content = (
-            style.note("Nominal delay: not calibrated.")
-            if state is None
-            else style.note(state.sentence, style.BOXES[state.verdict])
-        )
-        self._reset_line.visible = state is not None
+        words = line_words(session)
+        found = judge_part("line", session)
+        self._line.show(words or "Nominal delay: not calibrated.", found, busy=new.busy)
+        self._reset_line.visible = bool(words)
         for button in (self._record, self._reset_line, self._restore):
             button.disabled = new.busy
 

@@ -32,7 +32,8 @@ GET /sessions/{session_id}/volume
 GET /sessions/{session_id}/maps/draws; GET /sessions/{session_id}/maps/comparison
 GET /sessions/{session_id}/export/{name}
 PUT /sessions/{session_id}/picture
-GET /files; GET /files/{file}/picture; GET /procedure
+GET /files; GET /files/{file}/picture; GET /sessions/{session_id}/procedure
+GET /sessions/{session_id}/next
 GET /sessions/{session_id}/events
 POST /sessions/{session_id}/replay; GET /jobs; GET /jobs/{job_id}; DELETE /jobs/{job_id}
 GET /jobs/{job_id}/events; GET /status; GET /status/events

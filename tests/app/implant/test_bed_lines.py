@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.app.dependencies.requirements import blocked_reason
+from rona_core.app.dependencies.judge import blocked
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.messages.serialization import message_from
 from rona_core.app.steps.implant.bed_lines import bed_hearing, lines_verdict
@@ -92,8 +92,8 @@ def test_they_become_stale_with_the_bed_and_need_one_that_lies_in_the_maps(bench
     bench.dispatch(PlaceBed(at.u_mm + 0.5, at.v_mm, lift_mm=1.0))
     assert "bed" in stale_reason("lines", bench.session)
     bench.dispatch(PlaceBed(-60.0, 0.0))
-    assert "both boundaries are mapped" in blocked_reason(StartBedLines, bench.session)
-    assert blocked_reason(StartBedLines, Session()) is not None
+    assert "both boundaries are mapped" in blocked(StartBedLines, bench.session).reason
+    assert blocked(StartBedLines, Session()) is not None
 
 
 def test_the_search_of_lines_can_be_cancelled():

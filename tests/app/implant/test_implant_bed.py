@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.app.dependencies.requirements import blocked_reason
+from rona_core.app.dependencies.judge import blocked
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.messages.serialization import message_from
@@ -132,7 +132,7 @@ def test_it_is_saved_and_becomes_stale_with_the_maps(demo, bench):
 
 
 def test_without_maps_it_says_what_to_do_first():
-    assert "compute the maps (step 9)" in blocked_reason(StartBedSearch, Session())
+    assert "compute the maps (step 9)" in blocked(StartBedSearch, Session()).reason
     with pytest.raises(StepBlockedError, match="place the implant bed"):
         milling_view(Session())
 

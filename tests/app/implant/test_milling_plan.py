@@ -8,7 +8,7 @@ from scipy.interpolate import RegularGridInterpolator
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.dependencies.requirements import blocked_reason
+from rona_core.app.dependencies.judge import blocked
 from rona_core.app.dependencies.staleness import session_obstacles, stale_reason
 from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.steps.implant import milling_motion as milling_motion_module
@@ -201,8 +201,8 @@ def test_a_motion_of_an_earlier_version_is_verified_again_first(milled, monkeypa
 
 def test_nothing_is_planned_for_a_bed_that_is_not_safe(demo):
     unsafe = laid_astray(demo)
-    assert "safe" in blocked_reason(PlanMilling, unsafe)
-    assert blocked_reason(PlanMilling, demo) is None
+    assert "safe" in blocked(PlanMilling, unsafe).reason
+    assert blocked(PlanMilling, demo) is None
 
 
 def test_what_is_not_certified_is_not_given_away_and_says_why(demo, milled):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.app.dependencies.requirements import blocked_reason
+from rona_core.app.dependencies.judge import blocked
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.implant.messages import RehearseMilling
 from rona_core.app.steps.implant.milling_motion import require_certified
@@ -56,8 +56,8 @@ def rehearsed():
 
 def test_before_a_plan_there_is_nothing_to_rehearse(milled):
     demo = bed_only(milled)
-    assert blocked_reason(RehearseMilling, demo) is not None
-    assert blocked_reason(RehearseMilling, milled) is None
+    assert blocked(RehearseMilling, demo) is not None
+    assert blocked(RehearseMilling, milled) is None
     bench = new_workbench(demo)
     with pytest.raises(StepBlockedError):
         bench.run(RehearseMilling())

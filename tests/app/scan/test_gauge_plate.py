@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.procedure import run_procedure
+from rona_core.app.procedure import run_procedure, stages
 from rona_core.app.steps.acoustics.derivation import robot_probe, session_probe
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.path.messages import StartPathCapture
@@ -13,26 +14,23 @@ from rona_core.app.steps.roll.messages import StartRollSearch
 from rona_core.app.steps.scan.messages import (
     CalibrateProbeMounting,
     StartProbeMountingCapture,
-    StartScan,
 )
-from rona_core.app.steps.scan.probe_mounting import known_mounting, mounting_view
+from rona_core.app.steps.scan.probe_mounting import known_mounting, mounting_words
 from rona_core.app.steps.scan.probe_poses import probe_poses_of
 from rona_core.app.steps.setup.messages import SetProbe, SetRegion, SetWorld
-from rona_core.app.steps.smoothing.messages import SmoothScanPath
 from rona_core.app.steps.surface.messages import StartSurfaceCapture
 from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.compose import new_session, new_workbench, world_of
 from rona_core.session.files import session_bytes, session_from_bytes
 
-SMALL = (
-    ("tool", StartToolCapture(n_pivot=12, n_translate=4)),
-    ("pointer", StartPointerCapture(duration_s=6.0)),
-    ("surface", StartSurfaceCapture(duration_s=20.0)),
-    ("path", StartPathCapture(duration_s=12.0, spacing_mm=5.0)),
-    ("smoothing", SmoothScanPath()),
-    ("roll", StartRollSearch(n_rolls=24)),
-    ("scan", StartScan()),
-    ("maps", StartMapping()),
+SMALL = stages(
+    "detection",
+    StartToolCapture(n_pivot=12, n_translate=4),
+    StartPointerCapture(duration_s=6.0),
+    StartSurfaceCapture(duration_s=20.0),
+    StartPathCapture(duration_s=12.0, spacing_mm=5.0),
+    StartRollSearch(n_rolls=24),
+    skip=("gauge",),
 )
 
 
@@ -42,7 +40,7 @@ def scanned():
     bench = new_session("warm", seed=7)
     bench.dispatch(SetRegion(radius_mm=12.0))
     bench.dispatch(SetWorld(line_excess_k=10.0, mounting_mm=0.6))
-    assert run_procedure(bench, messages=SMALL).completed
+    assert run_procedure(bench, SMALL).completed
     yield bench
     bench.close()
 
@@ -51,7 +49,7 @@ def test_the_gauge_takes_away_what_mounting_and_warm_line_do_to_the_map(scanned)
     bench = new_workbench(scanned.session)
     before = bench.figures()
     poses = probe_poses_of(bench.session)
-    assert mounting_view(bench.session) is None
+    assert mounting_words(bench.session) == ""
     bench.run(StartProbeMountingCapture(n=5))
     assert stale_reason("maps", bench.session) is not None  # they do not know of it yet
     bench.run(StartMapping())
@@ -65,12 +63,11 @@ def test_the_gauge_takes_away_what_mounting_and_warm_line_do_to_the_map(scanned)
     assert abs(found.offset_mm - true_mm) < 0.4
     assert robot_probe(bench.session).line_delay_us == pytest.approx(found.line_delay_us)
     assert session_probe(bench.session).line_delay_us == pytest.approx(18.75)  # of another probe
-    view = mounting_view(bench.session)
-    assert view.verdict == "good"
+    assert judge_part("mounting", bench.session).state == "usable"
     outer = [s.results.maps.value.outer_points_base for s in (scanned.session, bench.session)]
     outward = -probe_poses_of(bench.session).rotations[:, :, 2]
     shift_mm = np.median(np.einsum("ij,ij->i", outer[1] - outer[0], outward))
-    assert float(view.sentence.split()[2]) == pytest.approx(shift_mm, abs=0.02)
+    assert float(mounting_words(bench.session).split()[2]) == pytest.approx(shift_mm, abs=0.02)
     saved = session_from_bytes(session_bytes(bench.session))
     assert stale_reason("maps", saved) is None
     assert known_mounting(saved).offset_mm == found.offset_mm
@@ -83,11 +80,11 @@ def test_it_is_stale_with_the_probe_and_forgotten_on_demand(scanned):
     bench.run(StartMapping())
     bench.dispatch(SetProbe(excitation="pulse"))
     assert known_mounting(bench.session) is None
-    assert mounting_view(bench.session).verdict == "stale"
+    assert judge_part("mounting", bench.session).state == "stale"
     bench.dispatch(SetProbe())
     assert known_mounting(bench.session) is not None
     assert stale_reason("maps", bench.session) is None
     bench.dispatch(CalibrateProbeMounting(use=False))
-    assert mounting_view(bench.session) is None
+    assert mounting_words(bench.session) == ""
     assert stale_reason("maps", bench.session) is not None
     bench.close()

@@ -9,7 +9,7 @@ from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.steps.implant.bed_lines import lines_verdict
 from rona_core.app.steps.implant.burr.messages import StartBurrCapture
-from rona_core.app.steps.implant.burr.view import burr_view
+from rona_core.app.steps.implant.burr.view import burr_words
 from rona_core.app.steps.implant.export import EXPORTS, MOTIONS
 from rona_core.app.steps.implant.messages import (
     PlaceBed,
@@ -259,7 +259,7 @@ def test_the_burr_is_registered_by_a_button_and_its_error_stands_below_it(demo):
     button.happen(CLIENT)
     assert recorder.sent[-1] == StartBurrCapture()
     found = demo.results.get("burr").value
-    assert burr_view(demo).sentence in gui.html()
+    assert burr_words(demo) in gui.html()
     assert f"expected error {found.tip_sigma_mm:.2f} mm" in gui.html()
     gui, _, _ = panel_of(snapshot(demo), snapshot(demo.with_result("burr", None)))
     assert "Not registered: the burr may be off by 0.4 mm" in gui.html()

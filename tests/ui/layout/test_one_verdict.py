@@ -219,7 +219,7 @@ def test_a_stopped_scan_is_partial_by_icon_word_and_reason_and_next_is_not_green
     assert again.color is None  # the primary one
     assert onward.color == "gray"
     title = FakeGui()
-    StepTitle(title).render(None, snapshot(stopped, "maps"))
+    StepTitle(title, NOTHING).render(None, snapshot(stopped, "maps"))
     assert "cover only part" in title.html()
 
 
@@ -280,7 +280,7 @@ def test_what_is_behind_another_robot_cannot_be_started(demo):
     at = snapshot(other, "scan")
     assert bar(at).find("button", "Scan").disabled
     title = FakeGui()
-    StepTitle(title).render(None, at)
+    StepTitle(title, NOTHING).render(None, at)
     assert "First record the tool motion (step 2) again" in title.html()
     assert not bar(snapshot(demo, "scan")).find("button", "Scan again").disabled
 

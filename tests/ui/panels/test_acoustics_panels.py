@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from rona_core.app.declarations.declarations import USABLE
 from rona_core.app.steps.acoustics.messages import (
     AddReferencePoint,
     CalibrateDelayLine,
@@ -10,7 +11,6 @@ from rona_core.app.steps.acoustics.messages import (
     StartProbeSweep,
 )
 from rona_core.app.steps.acoustics.view import (
-    Judged,
     ReferenceGain,
     ReferenceRow,
     probe_performances,
@@ -141,7 +141,6 @@ def test_the_gain_is_promised_before_anything_is_measured(monkeypatch):
     assert not gui.find("button", "Measure more").visible  # than none
     gui.find("button", "Measure more").happen(CLIENT)
     assert recorder.sent == [StartCaliperMeasurements(n=3, append=True)]
-    good = Judged("2.700 ± 0.030 mm/µs, good.", "good")
-    monkeypatch.setattr("rona_ui.panels.acoustics.speed_state", lambda session: good)
+    monkeypatch.setattr("rona_ui.panels.acoustics.judge_part", lambda name, session: USABLE)
     panel.render(None, snapshot())
     assert promised not in gui.html()  # nothing is asked for that is there

@@ -2,7 +2,7 @@
 
 from rona_core.app.declarations.declarations import Input
 from rona_core.app.dependencies.inputs import require_result
-from rona_core.app.dependencies.judged import usable
+from rona_core.app.dependencies.judge import usable
 from rona_core.app.steps.acoustics.messages import CalibrateDelayLine, CalibrateSoundSpeed
 from rona_core.app.steps.scan.probe_mounting import known_mounting
 from rona_core.app.steps.scan.probe_poses import probe_poses_of
@@ -121,12 +121,12 @@ def require_point(detection: Detection, scan: int) -> None:
 
 def usable_line(session: Session) -> DelayLine | None:
     """Return the calibrated delay line, unless it is stale or bad."""
-    return usable("line", session.results.line, session)
+    return usable("line", session)
 
 
 def usable_speed(session: Session) -> SpeedCalibration | None:
     """Return the calibrated speed of sound, unless it is stale or bad."""
-    return usable("speed", session.results.speed, session)
+    return usable("speed", session)
 
 
 KNOWN_LINE = Input(usable_line, "calibrate the delay line (step 1)", optional=True)

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from rona_core.app.declarations.declarations import Arguments
+from rona_core.app.declarations.declarations import USABLE, Arguments, Judgement, Remedy
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.messages.serialization import message_from
 from rona_core.app.steps.maps.derivation import maps_so_far, probe_poses
@@ -11,6 +11,7 @@ from rona_core.app.steps.maps.messages import StartGapPlan
 from rona_core.app.steps.path.painting import allowed_in_patch, require_none_avoided
 from rona_core.app.steps.roll.derivation import plan_settings
 from rona_core.app.steps.roll.messages import StartRollSearch
+from rona_core.app.steps.roll.plan_reasons import why_no_plan
 from rona_core.app.steps.scan.probe_poses import probe_postures_of
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.errors import StepBlockedError
@@ -52,6 +53,14 @@ def recompute_second(
     """Plan again over the gaps that were left when the pass was planned."""
     message = message_from(StartGapPlan.__name__, arguments)
     return derive_second(before_plan(session), message, progress=progress, cancel=cancel)
+
+
+def judge_pass(planned: SecondPass, session: Session) -> Judgement:
+    """Return whether the robot can follow a planned further pass."""
+    reason = why_no_plan(planned.plan)
+    if reason is None:
+        return USABLE
+    return Judgement("bad", reason, Remedy("plan the second pass with less tilt (step 9)"))
 
 
 def plan_further_pass(

@@ -17,7 +17,7 @@ from rona_core.app.steps.maps.derivation import (
 )
 from rona_core.app.steps.maps.export import EXPORTS
 from rona_core.app.steps.maps.further_passes import forget_corrections, with_pass
-from rona_core.app.steps.maps.gap_plan import derive_second, recompute_second
+from rona_core.app.steps.maps.gap_plan import derive_second, judge_pass, recompute_second
 from rona_core.app.steps.maps.messages import (
     StartComparison,
     StartGapPlan,
@@ -26,7 +26,7 @@ from rona_core.app.steps.maps.messages import (
 )
 from rona_core.app.steps.path.painting import PAINTED
 from rona_core.app.steps.scan.captures import capture_scan
-from rona_core.app.steps.scan.landmarks.gate import failed_reason, verified_first
+from rona_core.app.steps.scan.landmarks.gate import LANDMARKS, verified_first
 from rona_core.app.steps.scan.probe_mounting import KNOWN_MOUNTING
 from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.setup.inputs import DRIVEN, MODEL, PROBE
@@ -81,10 +81,9 @@ STEP = declare.Step(
                 )
             ),
             "Scanning the gaps",
-            needs=(SECOND,),
-            blocked=failed_reason,
+            needs=(SECOND, LANDMARKS),
             drives_robot=True,
-            records=True,
+            makes=("second",),
         ),
         declare.Activity(
             StartComparison,
@@ -142,6 +141,7 @@ STEP = declare.Step(
                 **DRIVEN,
             },
             "plan the second pass (step 9)",
+            judged=judge_pass,
             recompute=recompute_second,
         ),
         declare.Result(

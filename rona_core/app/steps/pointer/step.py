@@ -1,9 +1,10 @@
 """Pointer: calibration of the pointer's tip by pivoting."""
 
 from rona_core.app.declarations import declarations as declare
-from rona_core.app.declarations.declarations import ActivityContext
+from rona_core.app.declarations.declarations import ActivityContext, Remedy
 from rona_core.app.dependencies.base_reference import error_field
 from rona_core.app.dependencies.inputs import capture_input, require_result, result_input
+from rona_core.app.dependencies.judge import by_verdict
 from rona_core.app.messages.serialization import message_from
 from rona_core.app.runtime.handling import compute_result, record
 from rona_core.app.runtime.recording import capture_hand
@@ -100,7 +101,7 @@ STEP = declare.Step(
             StartPointerCapture,
             record("pointer", capture_pivot, CalibratePointer),
             "Pivoting the pointer",
-            records=True,
+            makes=("pointer",),
         ),
     ),
     captures=(
@@ -117,6 +118,9 @@ STEP = declare.Step(
             derive_pointer,
             {"capture": POINTER_CAPTURE},
             "calibrate the pointer (step 3)",
+            judged=by_verdict(
+                Remedy("pivot the pointer again (step 3)", StartPointerCapture()), used=True
+            ),
         ),
     ),
     line=declare.StepLine(

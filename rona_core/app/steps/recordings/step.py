@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext, Message
-from rona_core.app.dependencies.requirements import require_inputs
+from rona_core.app.dependencies.judge import require_inputs
 from rona_core.app.runtime.handling import record
 from rona_core.app.runtime.recording import begin
 from rona_core.app.steps.path.messages import BuildPath, StartPathCapture
@@ -175,14 +175,14 @@ STEP = declare.Step(
             store_recording,
             "Reading the recording",
             check=require_as_recorded,
-            records=True,
+            makes=tuple(capture for capture, *_ in STANDS_FOR.values()),
             of_several_steps=True,
         ),
         declare.Activity(
             StartPivotImport,
             record("pointer", import_pivot, CalibratePointer),
             "Reading the pivot",
-            records=True,
+            makes=("pointer",),
             shown_in="pointer",
         ),
     ),

@@ -3,14 +3,26 @@
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from rona_core.app.declarations.declarations import ActivityContext, Arguments, Input
+from rona_core.app.declarations.declarations import (
+    USABLE,
+    ActivityContext,
+    Arguments,
+    Input,
+    Judgement,
+    Remedy,
+)
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.messages.message import StoreResult
 from rona_core.app.messages.serialization import message_from, serialize_arguments
 from rona_core.app.runtime.handling import compute_one
 from rona_core.app.steps.roll.derivation import plan_settings
-from rona_core.app.steps.roll.messages import StartBasePlacement, StartRollSearch
+from rona_core.app.steps.roll.messages import (
+    ApplyBasePlacement,
+    StartBasePlacement,
+    StartRollSearch,
+)
+from rona_core.app.steps.roll.plan_reasons import plan_reason
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.devices.settings import RobotSettings
 from rona_core.errors import InvalidInputError, NotReachableError
@@ -152,6 +164,28 @@ def advice(placement: BasePlacement) -> str:
         return "The base may stay: a motion from where it stands is certified"
     farther = "" if best is near else f". With the largest margin: {best.sentence}"
     return f"Move the robot base. The smallest move that was certified: {near.sentence}{farther}"
+
+
+def judge_plan(plan: RobotPlan, session: Session) -> Judgement:
+    """Return whether a planned motion can be driven, and which place of the base would help."""
+    reason = plan_reason(session)
+    if reason is None:
+        return USABLE
+    found = fresh_placement(session)
+    if found is None:
+        remedy = Remedy("look for a place of the base (step 7)", StartBasePlacement())
+    elif found.smallest is not None and moves(found.smallest):
+        remedy = Remedy("move the base (step 7)", ApplyBasePlacement())
+    else:
+        remedy = Remedy("choose another roll (step 7) or change the path (step 5)")
+    return Judgement("bad", reason, remedy)
+
+
+def judge_places(found: BasePlacement, session: Session) -> Judgement:
+    """Return whether a search found a place of the base."""
+    if found.smallest is not None:
+        return USABLE
+    return Judgement("bad", "; ".join(found.reasons), Remedy("change the path (step 5)"))
 
 
 def require_move(session: Session, which: Which) -> RobotSettings:

@@ -3,7 +3,7 @@
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import Arguments
 from rona_core.app.dependencies.inputs import require_result, result_input
-from rona_core.app.dependencies.requirements import require_inputs
+from rona_core.app.dependencies.judge import require_inputs
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.messages.message import values_of
 from rona_core.app.runtime.handling import compute_one
@@ -12,12 +12,14 @@ from rona_core.app.steps.roll.base_placement import (
     OWN_ROLLS,
     derive_placement,
     find_placement,
+    judge_places,
+    judge_plan,
     recompute_placement,
     require_move,
     roll_search,
 )
 from rona_core.app.steps.roll.derivation import derive_chosen_roll, derive_roll
-from rona_core.app.steps.roll.plan_reasons import plan_reason, roll_summary
+from rona_core.app.steps.roll.plan_reasons import roll_summary
 from rona_core.app.steps.setup.inputs import BASE, DRIVEN
 from rona_core.app.steps.setup.messages import SetRobot
 from rona_core.app.steps.setup.step import set_robot
@@ -95,6 +97,7 @@ STEP = declare.Step(
             derive_roll,
             {"smoothing": SMOOTHING, **DRIVEN},
             "plan the motion (step 7)",
+            judged=judge_plan,
             recompute=recompute_roll,
         ),
         declare.Result(
@@ -104,6 +107,7 @@ STEP = declare.Step(
             {"smoothing": SMOOTHING, "base": BASE, "roll search": OWN_ROLLS, **DRIVEN},
             "look for a place of the base (step 7)",
             recompute=recompute_placement,
+            judged=judge_places,
         ),
     ),
     line=declare.StepLine(
@@ -111,6 +115,5 @@ STEP = declare.Step(
         roll_summary,
         messages.StartRollSearch,
         leaves=lambda session: (ROLL,),
-        unusable=plan_reason,
     ),
 )

@@ -4,9 +4,10 @@ from dataclasses import replace
 from functools import partial
 
 from rona_core.app.declarations import declarations as declare
-from rona_core.app.declarations.declarations import ActivityContext, Input, Message
-from rona_core.app.dependencies.base_reference import carried_remark, found_again, placed_reason
+from rona_core.app.declarations.declarations import ActivityContext, Input, Message, Remedy
+from rona_core.app.dependencies.base_reference import carried_remark, found_again
 from rona_core.app.dependencies.inputs import capture_input, result_input
+from rona_core.app.dependencies.judge import by_verdict
 from rona_core.app.messages.message import StoreCapture
 from rona_core.app.runtime.handling import compute_one, compute_result
 from rona_core.app.runtime.recording import capture_stroke, part_of
@@ -15,12 +16,16 @@ from rona_core.app.steps.setup.inputs import CHOOSE_REFERENCE, REGION, SKULL
 from rona_core.app.steps.surface import messages
 from rona_core.app.steps.surface.derivation import derive_surface
 from rona_core.app.steps.surface.skull_registration import derive_registration, require_loaded
+from rona_core.app.steps.tool.step import moved_tracker
 from rona_core.session.captures import PointerCapture
 from rona_core.session.document import Session
 
 SURFACE_CAPTURE, SURFACE = capture_input("surface"), result_input("surface")
 SHORTEST_S = 1.0  # of a stroke
 TOOL, POINTER = result_input("tool"), result_input("pointer")
+MORE_POINTS = Remedy(
+    "slide the pointer over more of the skull (step 4)", messages.StartSurfaceCapture(append=True)
+)
 # False where the tracker has moved and may not be found again; it counts for nothing else
 REFERENCE = Input(lambda s: found_again(s, s.captures.surface), CHOOSE_REFERENCE)
 
@@ -90,8 +95,8 @@ STEP = declare.Step(
             record_strokes,
             "Sliding over the skull",
             needs=(TOOL, POINTER),
-            blocked=placed_reason,
-            records=True,
+            makes=("surface",),
+            blocked=moved_tracker,
         ),
         declare.Activity(
             messages.StartSkullRegistration,
@@ -128,6 +133,7 @@ STEP = declare.Step(
             derive_registration,
             {"surface": SURFACE, "skull": SKULL, "region": REGION},
             "register the skull (step 4)",
+            judged=by_verdict(MORE_POINTS),
         ),
     ),
     line=declare.StepLine(

@@ -8,7 +8,7 @@ from rona_core.app.declarations.declarations import Input
 from rona_core.app.declarations.figures import limit_of
 from rona_core.app.dependencies.base_reference import error_field
 from rona_core.app.dependencies.inputs import require_result
-from rona_core.app.dependencies.judged import usable
+from rona_core.app.dependencies.judge import usable
 from rona_core.app.steps.implant.burr.messages import RegisterBurr
 from rona_core.app.steps.implant.burr.registration import BurrRegistration
 from rona_core.app.steps.tool.derivation import (
@@ -144,7 +144,7 @@ def _judge(
 
 def known_burr(session: Session) -> BurrRegistration | None:
     """Return the registration of the burr, unless it is stale or bad."""
-    return usable("burr", session.results.get("burr"), session)
+    return usable("burr", session)
 
 
 KNOWN_BURR = Input(known_burr, "register the burr (step 10)", optional=True)

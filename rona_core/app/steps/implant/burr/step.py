@@ -1,7 +1,9 @@
 """Burr: the tip of the spindle registered in a seat, before a bed is laid and milled."""
 
 from rona_core.app.declarations import declarations as declare
+from rona_core.app.declarations.declarations import Remedy
 from rona_core.app.dependencies.inputs import capture_input, result_input
+from rona_core.app.dependencies.judge import by_verdict
 from rona_core.app.runtime.handling import compute_result, record
 from rona_core.app.steps.implant.burr.capture import capture_burr
 from rona_core.app.steps.implant.burr.derivation import derive_burr
@@ -24,7 +26,7 @@ STEP = declare.Step(
             "Turning the burr in its seat",
             needs=(TOOL,),
             drives_robot=True,
-            records=True,
+            makes=("burr",),
         ),
     ),
     captures=(
@@ -42,6 +44,9 @@ STEP = declare.Step(
             derive_burr,
             {"capture": BURR_CAPTURE, "tool": TOOL, "robot": MODEL},
             "register the burr (step 10)",
+            judged=by_verdict(
+                Remedy("turn the burr in its seat again (step 10)", StartBurrCapture())
+            ),
             types=(BurrRegistration,),
         ),
     ),

@@ -2,7 +2,7 @@
 
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import Input
-from rona_core.app.dependencies.base_reference import found_again, placed_reason
+from rona_core.app.dependencies.base_reference import found_again
 from rona_core.app.dependencies.inputs import capture_input, result_input
 from rona_core.app.runtime.handling import compute_result, record
 from rona_core.app.steps.scan.landmarks.capture import LandmarkCapture, capture_landmarks
@@ -11,6 +11,7 @@ from rona_core.app.steps.scan.landmarks.derivation import (
     derive_landmarks,
     derive_override,
 )
+from rona_core.app.steps.scan.landmarks.gate import judge_landmarks
 from rona_core.app.steps.scan.landmarks.messages import (
     OverrideLandmarks,
     StartLandmarkCapture,
@@ -18,6 +19,7 @@ from rona_core.app.steps.scan.landmarks.messages import (
 )
 from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.setup.inputs import CHOOSE_REFERENCE
+from rona_core.app.steps.tool.step import moved_tracker
 from rona_core.calibration.landmark_check import LandmarkCheck
 from rona_core.session.document import Session
 
@@ -47,8 +49,8 @@ STEP = declare.Step(
             ),
             "Touching the landmarks",
             needs=(TOOL, POINTER),
-            blocked=placed_reason,
-            records=True,
+            makes=("landmarks",),
+            blocked=moved_tracker,
         ),
     ),
     captures=(
@@ -71,6 +73,7 @@ STEP = declare.Step(
                 "reference": Input(_found_again, CHOOSE_REFERENCE),
             },
             "verify on landmarks (step 8)",
+            judged=judge_landmarks,
             types=(LandmarkCheck,),
         ),
         declare.Result(
