@@ -1,6 +1,6 @@
 """What the verifier says of one motion: its checks, and the digest that ties it to that motion."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from rona_core.robot.collision.obstacles import Obstacles
 from rona_core.robot.kinematics.robot_model import RobotModel
@@ -29,18 +29,16 @@ class Certificate:
     certified: bool
     checks: tuple[Check, ...]
     digest: str  # of robot, motion and what stood around
+    robot: str  # digest of the robot
     obstacles: str = ""  # digest of what stood around; "" where that was not looked at
     min_clearance_mm: float | None = None  # least distance of any parts that must not touch
-    # digest of the robot; "" in files of versions whose certificates named it and no more
-    robot: str = field(default="", metadata={"omit_empty": True})
 
     def belongs_to(self, motion: TimedMotion) -> bool:
         """Return whether this is the motion that was looked at, and everything held.
 
         That is not enough to drive it: see ``certifies``.
         """
-        robot = self.robot or self.model
-        digest = motion_digest(robot, motion.times_s, motion.qs_rad, self.obstacles)
+        digest = motion_digest(self.robot, motion.times_s, motion.qs_rad, self.obstacles)
         return self.certified and self.digest == digest
 
     def certifies(self, motion: TimedMotion, model: RobotModel, obstacles: Obstacles) -> bool:
@@ -60,7 +58,7 @@ class Certificate:
         other = self.other_robot(model)
         if other is not None:
             return other
-        if not obstacles.has_digest(self.obstacles):
+        if self.obstacles != obstacles.digest():
             return "the plan was verified among other obstacles: plan again"
         if not self.belongs_to(motion):
             return "the plan was verified for another motion: plan again"
@@ -68,8 +66,6 @@ class Certificate:
 
     def other_robot(self, model: RobotModel) -> str | None:
         """Return what to do where the motion was verified for another robot, else None."""
-        if not self.robot:
-            return "the plan was verified by a version that kept no robot with it: plan again"
         if self.robot != robot_digest(model):
             return (
                 f"the plan was verified for another robot than this {model.name} (its lengths, "

@@ -129,9 +129,9 @@ def certify(
         certified=all(check.holds for check in checks),
         checks=tuple(checks),
         digest=motion_digest(robot, motion.times_s, motion.qs_rad, around),
+        robot=robot,
         obstacles=around,
         min_clearance_mm=least_mm,
-        robot=robot,
     )
 
 

@@ -26,7 +26,6 @@ from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.milling_tool import Spindle
 from rona_core.robot.planning.calibration_motion import ToolMotionSettings, plan_tool_motion
 from rona_core.robot.planning.plan_scan import PlanSettings, plan_scan
-from rona_core.robot.trajectory.trajectory import motion_digest
 from rona_core.session.codec import digest
 from rona_core.session.document import Derived, Session, Setup
 from rona_ui.panels.roll.certificate import verdict
@@ -145,13 +144,6 @@ def in_session(setup, plan):
     return replace(session, results=replace(session.results, roll=derived(plan)))
 
 
-def earlier(plan):
-    """The plan as files of earlier versions hold it: its certificate names the robot alone."""
-    motion, held = plan.trajectory, plan.certificate
-    named = motion_digest(held.model, motion.times_s, motion.qs_rad, held.obstacles)
-    return replace(plan, certificate=replace(held, robot="", digest=named))
-
-
 OTHER_ROBOTS = {
     "longer": replace(RX90, arm=replace(RX90.arm, upper_arm_mm=500.0)),
     "slower": replace(RX90, limits=replace(RX90.limits, speed_rad_per_s=np.full(6, 1e-3))),
@@ -174,26 +166,6 @@ def test_a_scan_is_executed_only_by_the_robot_it_was_certified_for(plan, what, m
     view = certificate_view(session)
     assert not view.certified
     assert "another motion or robot. Plan again" in verdict(view, stale=False)
-
-
-def test_a_plan_of_an_earlier_version_is_verified_again_before_it_is_driven(plan, monkeypatch):
-    """It opens and is shown as before; whether the robot may drive it is found out anew."""
-    free, made = plan
-    session = in_session(free, earlier(made))
-    assert session.results.roll.value.may_move
-    assert plan_reason(session) is None
-    with pytest.raises(AttributeError):  # it is let through, to devices that are not there
-        capture_scan(session, None)
-    monkeypatch.setattr(captures, "robot_model", lambda _: OTHER_ROBOTS["longer"])
-    with pytest.raises(NotReachableError, match="distance from the path fails"):
-        capture_scan(session, None)
-    monkeypatch.setattr(captures, "robot_model", lambda _: OTHER_ROBOTS["slower"])
-    with pytest.raises(NotReachableError, match="joint speed fails"):
-        capture_scan(session, None)
-    lower = replace(free, surroundings=replace(free.surroundings, floor_mm=400.0))
-    monkeypatch.undo()
-    with pytest.raises(NotReachableError, match="clearance from the floor fails"):
-        capture_scan(in_session(lower, earlier(made)), None)
 
 
 def test_every_other_motion_is_held_against_the_robot_that_is_to_drive_it():

@@ -334,24 +334,6 @@ def test_a_damaged_journal_gives_what_comes_before_and_stays(start, damage, kept
     assert problem is None or path.read_bytes() == evidence
 
 
-def test_copies_of_an_earlier_version_are_offered_and_its_journals_stay(start, tmp_path):
-    session = Store(Session(name="older")).dispatch(SetSeed(3)).session
-    folder = tmp_path / FOLDER / "0123456789ab"
-    for name in ("whole", "part"):
-        save_session(replace(session, name=name, id=name), folder / f"{name}.rona")
-    rest = folder / "part.jsonl"
-    rest.write_bytes(b"{\n")
-    hub = start()
-    problems = {lost.name: lost.problem for lost in hub.lost()}
-    assert problems["whole"] is None
-    assert f"kept in {rest} cannot be read" in problems["part"]
-    for lost in hub.lost():
-        back, _ = hub.recover(lost.key)
-        assert back.session.setup.seed == 3
-    assert [lost.name for lost in hub.lost()] == ["part"]
-    assert rest.read_bytes() == b"{\n"
-
-
 def test_what_cannot_be_recovered_is_refused_and_nothing_changes(start):
     hub = start()
     with pytest.raises(NotFoundError):

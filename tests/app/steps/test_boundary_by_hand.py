@@ -37,7 +37,6 @@ from rona_core.ultrasound.detection.detect import doubted, heard
 
 TESTS = Path(__file__).resolve().parents[2]
 DEMO = TESTS.parent / "sessions" / "demo.rona"
-OLD = TESTS / "contract" / "sessions" / "schema_1.rona"
 
 
 @pytest.fixture(scope="module")
@@ -170,10 +169,6 @@ def test_what_cannot_be_corrected_is_refused(demo):
 def test_a_correction_says_one_thing(fields):
     with pytest.raises(InvalidInputError):
         CorrectBoundary(0, **fields)
-
-
-def test_an_old_session_has_no_corrections():
-    assert len(load_session(OLD).boundary_edits) == 0
 
 
 @pytest.mark.parametrize("scan", ["first", "second"])

@@ -31,7 +31,6 @@ from rona_core.session.files import (
     session_bytes,
     session_from_bytes,
 )
-from rona_core.session.message_migration import with_present_message
 
 JOURNAL_SUFFIX = ".journal"
 ROLLBACK_SUFFIX = "-journal"  # of SQLite's own file beside it, in use while a row is added
@@ -152,8 +151,8 @@ def read_journal(path: Path) -> Journal:
     entries: list[LogEntry] = []
     for number, data in good[1:]:
         try:
-            plain = with_present_message(json.loads(data))  # an older RONA may have written it
-            entries.append(decode(plain, LogEntry, {}, f"change {number} of its journal"))
+            entry = decode(json.loads(data), LogEntry, {}, f"change {number} of its journal")
+            entries.append(entry)
         except (ValueError, TypeError, RecursionError, RonaError) as error:
             problem = f"change {number} and those after it cannot be read: {error}"
             return Journal(session, tuple(entries), problem)

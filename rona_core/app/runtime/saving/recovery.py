@@ -20,9 +20,7 @@ from rona_core.app.runtime.saving.journal import (
 from rona_core.app.runtime.saving.run_folder import dead_folders, hold, remove_if_empty
 from rona_core.app.runtime.store import Store
 from rona_core.errors import NotFoundError, RonaError
-from rona_core.session.files import SUFFIX, load_session, remove_stale_temporaries
-
-OLD_JOURNAL = ".jsonl"  # of a version that kept a session file, and this beside it
+from rona_core.session.files import remove_stale_temporaries
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,11 +50,7 @@ class LostCopy:
         Raises:
             SessionFormatError: it cannot be read.
         """
-        if self.path.suffix == JOURNAL_SUFFIX:
-            return read_journal(self.path)
-        rest = self.path.with_suffix(OLD_JOURNAL)
-        text = f"changes that an earlier version kept in {rest} cannot be read by this one"
-        return Journal(load_session(self.path), (), text if rest.exists() else None)
+        return read_journal(self.path)
 
     def remove(self) -> None:
         """Remove it, and its folder if it was the last."""
@@ -132,7 +126,7 @@ class Recovery:
     def _copies(self) -> list[LostCopy]:
         held = self._held  # by this program, so that its lock is not free
         folders = {*dead_folders(self._root), *(() if held is None else (held,))}
-        files = [p for f in folders for s in (JOURNAL_SUFFIX, SUFFIX) for p in f.glob(f"*{s}")]
+        files = [p for f in folders for p in f.glob(f"*{JOURNAL_SUFFIX}")]
         found = [LostCopy(f"{path.parent.name}-{path.stem}", path) for path in files]
         return sorted(found, key=lambda copy: copy.key)
 

@@ -23,11 +23,8 @@ def plan_reason(session: Session) -> str | None:
 
 
 def other_robot(session: Session, certificate: Certificate | None) -> str | None:
-    """Return what to do where a plan was verified for another robot than the session's.
-
-    One of an earlier version, which kept no robot with it, is verified again before it is driven.
-    """
-    if certificate is None or not certificate.robot:
+    """Return what to do where a plan was verified for another robot than the session's."""
+    if certificate is None:
         return None
     return certificate.other_robot(robot_model(session.setup.devices.robot.model))
 

@@ -22,7 +22,6 @@ from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.kinematics.rx90 import rx90
 from rona_core.robot.kinematics.universal_robots import ur, urdf_path
 from rona_core.robot.trajectory.joint_moves import plan_joint_move
-from rona_core.robot.trajectory.trajectory import motion_digest
 from rona_core.robot.verification import robot_digest as module
 from rona_core.robot.verification.robot_digest import NOT_COUNTED, robot_digest
 from rona_core.robot.verification.verifier import verify_motion
@@ -259,16 +258,3 @@ def test_a_certificate_is_worth_nothing_for_another_robot(what):
     forged = replace(certificate, robot=robot_digest(other))
     assert not forged.certifies(motion, other, NOTHING_AROUND)
     assert "another motion" in forged.refusal(motion, other, NOTHING_AROUND)
-
-
-def test_a_certificate_of_an_earlier_version_certifies_nothing():
-    """It named the robot and kept no more of it: any arm of that name would do."""
-    model = rx90()
-    motion = plan_joint_move(model.home_rad, model.home_rad + 0.1, model)
-    certificate = verify_motion(model, motion, obstacles=NOTHING_AROUND)
-    around = certificate.obstacles
-    named = motion_digest(model.name, motion.times_s, motion.qs_rad, around)
-    old = replace(certificate, robot="", digest=named)
-    assert old.belongs_to(motion), "so far it is in order, and a plan that is shown stays one"
-    assert not old.certifies(motion, model, NOTHING_AROUND)
-    assert old.refusal(motion, model, NOTHING_AROUND).endswith("plan again")
