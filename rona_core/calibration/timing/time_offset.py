@@ -78,7 +78,7 @@ def estimate_time_offset(
         return float((_residual(curve_a(times - offset_s), wanted) ** 2).sum())
 
     total = float((wanted**2).sum())
-    minima = _local_minima(left_over, MAX_OFFSET_S, float(step_s), total)
+    minima = _local_minima(left_over, float(step_s), total)
     cost, offset_s = minima[0]
     correlation = float(np.sqrt(max(0.0, 1.0 - cost / total)))
     sigma_s = _sigma(curve_a, times - offset_s, wanted, int(np.ceil(6.0 * width_s / step_s)))
@@ -96,7 +96,7 @@ def estimate_time_offset(
 
 
 def _local_minima(
-    cost: Callable[[float], float], MAX_OFFSET_S: float, step_s: float, total: float
+    cost: Callable[[float], float], step_s: float, total: float
 ) -> list[tuple[float, float]]:
     """Return costs and offsets of the local minima, the lowest first."""
     count = int(np.ceil(MAX_OFFSET_S / (0.5 * step_s)))

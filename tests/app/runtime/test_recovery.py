@@ -81,8 +81,7 @@ def test_every_change_is_written_down_before_it_counts(start):
         added = read_journal(hub._autosave.file(bench.session.id))
         whole += not added.entries
         store = Store(added.session)
-        assert added.problem is None
-        assert journal.replay_entries(store, added.entries) is None
+        assert journal.restore(store, added) is None
         assert session_bytes(store.session) == session_bytes(bench.session), step
     # the capture, and steps taken back from before a copy; the rest are rows after it
     assert whole < len(steps) / 2
@@ -391,7 +390,9 @@ def test_what_cannot_be_done_again_for_a_defect_does_not_hide_what_came_before()
             raise TypeError("of this version")
 
     entry = LogEntry(1, "SetSeed", {"seed": 3}, "2026-01-01T00:00:00+00:00")
-    assert "cannot be done again: of this version" in journal.replay_entries(Broken(), [entry])
+    assert "cannot be done again: of this version" in journal.restore(
+        Broken(), journal.Journal(Session(), (entry,))
+    )
 
 
 def test_what_is_being_measured_when_the_program_ends_is_kept(tmp_path):

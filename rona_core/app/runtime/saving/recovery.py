@@ -12,10 +12,9 @@ from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.runtime.saving.autosave import FOLDER
 from rona_core.app.runtime.saving.journal import (
     JOURNAL_SUFFIX,
-    Journal,
     read_journal,
     remove_journal,
-    replay_entries,
+    restore,
 )
 from rona_core.app.runtime.saving.run_folder import dead_folders, hold, remove_if_empty
 from rona_core.app.runtime.store import Store
@@ -43,14 +42,6 @@ class LostCopy:
 
     key: str
     path: Path
-
-    def load(self) -> Journal:
-        """Return what it holds, and leave it as it is.
-
-        Raises:
-            SessionFormatError: it cannot be read.
-        """
-        return read_journal(self.path)
 
     def remove(self) -> None:
         """Remove it, and its folder if it was the last."""
@@ -131,12 +122,6 @@ class Recovery:
         return sorted(found, key=lambda copy: copy.key)
 
 
-def restore(store: Store, journal: Journal) -> str | None:
-    """Do again in ``store`` what a journal adds to its copy; returns what was amiss, or None."""
-    failed = replay_entries(store, journal.entries)
-    return failed or journal.problem
-
-
 def _drop_folder(folder: Path) -> None:
     with contextlib.suppress(OSError):  # an empty folder too many does no harm
         remove_if_empty(folder)
@@ -147,7 +132,7 @@ def _describe(copy: LostCopy) -> LostSession:
     when = datetime.fromtimestamp(file.st_mtime, UTC).isoformat(timespec="seconds")
     size = file.st_size
     try:
-        journal = copy.load()
+        journal = read_journal(copy.path)
         store = Store(journal.session)
         problem = restore(store, journal)
     except Exception as error:  # whatever is wrong with it: it is shown, and stays
