@@ -112,7 +112,7 @@ def evaluate_virtual(session: Session, rig: Rig) -> dict[str, Any]:
     """Return the figures of a session against the ground truth of its virtual devices.
 
     Raises:
-        DeviceError: the devices are real, so nobody knows the truth.
+        DeviceError: the devices are real: there is no ground truth.
     """
     if not isinstance(rig, VirtualRig):
         raise DeviceError("figures against ground truth need virtual devices")
@@ -123,7 +123,7 @@ def virtual_map_errors(session: Session, rig: Rig) -> MapErrors:
     """Return the errors of the robot's maps against the true bone of its virtual devices.
 
     Raises:
-        DeviceError: the devices are real, so nobody knows the truth.
+        DeviceError: the devices are real: there is no ground truth.
         StepBlockedError: nothing was mapped.
     """
     if not isinstance(rig, VirtualRig):
@@ -244,7 +244,7 @@ def run_demo(
         seed: Seed of the patient, the placement and every noise.
         skull: What is scanned.
         robot: Name of the robot.
-        world: How far patient and devices are from what is told of them.
+        world: How far patient and devices are from their stated values.
         messages: What is done after set-up.
         progress: Called with the step and the share of it that is done.
         cancel: Asked now and then; returns True to end.

@@ -36,7 +36,6 @@ from rona_ui.api.routes import (
     commands,
     events,
     files,
-    implant,
     jobs,
     maps,
     probe,
@@ -161,7 +160,7 @@ def bare_app(hub: SessionRegistry, gateway: ViewerGateway | None, root_path: str
     _add_pages(app)  # before the interface: FastAPI prepares a route when it is first passed
     if gateway is not None:
         app.router.routes.extend(gateway.routes())
-    parts = (sessions, files, recovery, commands, jobs, results, maps, implant, events)
+    parts = (sessions, files, recovery, commands, jobs, results, maps, events)
     parts += (tracker, robot, probe, hand)
     declared = (commands.declared_commands(), jobs.declared_jobs())
     routers = (*(part.router for part in parts), sessions.files, *declared)

@@ -220,11 +220,3 @@ def test_one_version_everywhere():
     assert f"version: {version}\n" in text(ROOT / "CITATION.cff")
     changelog = text(ROOT / "CHANGELOG.md")
     assert f"## [{version}]" in changelog or "## [Unreleased]" in changelog
-
-
-def test_the_licence_is_the_same_everywhere():
-    assert text(ROOT / "LICENSE").startswith(
-        "MIT License\n\nCopyright (c) 2026 The RONA developers"
-    )
-    assert 'license = "MIT"' in text(ROOT / "pyproject.toml")
-    assert "license: MIT" in text(ROOT / "CITATION.cff")

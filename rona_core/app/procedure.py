@@ -81,7 +81,7 @@ def run_procedure(
     """Carry out all steps after set-up, one after the other; stop where one cannot be done.
 
     Raises:
-        CancelledError: somebody cancelled.
+        CancelledError: ``cancel`` returned True.
     """
     spared: dict[str, str] = {}  # step, why it was not done
     for step, message in messages:

@@ -7,13 +7,13 @@ from typing import ClassVar, Literal, get_args
 from rona_core.devices.limits import limited, number, require_limits
 from rona_core.devices.limits import require as require  # the same for other settings
 from rona_core.devices.limits import require_within as require_within
+from rona_core.devices.probes import PROBE_DATA
 
 HIDDEN = ("Cc", "Cf", "Cs", "Zl", "Zp")  # Unicode categories of what cannot be seen in a name
 STRICT = {"extra": "forbid", "allow_inf_nan": False}  # how a web layer parses these classes
 
 TrackerProfile = Literal["ideal", "polaris", "white035", "spectra", "vega"]
 PointerKind = Literal["pointer6d", "pointer5d"]
-ProbeName = Literal["2.25MHz", "1MHz"]
 Excitation = Literal["pulse", "chirp"]
 PulseShape = Literal["resonant", "damped", "double", "ringing"]
 
@@ -78,7 +78,7 @@ class TrackerSettings:
     minutes_on: float = number(60.0, "Warm-up time", "min", 0.0, 600.0, 1.0)
     # of the frames, which never arrive
     dropped_share: float = number(0.0, "Frame loss", "", 0.0, 0.5, 0.01)
-    place: TrackerPlace = FIRST_PLACE  # somebody may move it between captures
+    place: TrackerPlace = FIRST_PLACE  # it may be moved between captures
 
     def __post_init__(self) -> None:
         require_limits(self)
@@ -88,9 +88,6 @@ class TrackerSettings:
         """How much later than it was measured a frame arrives."""
         stated = LATENCY_MS.get(self.profile, 0.0) if self.latency_ms is None else self.latency_ms
         return stated / 1000.0
-
-
-ROBOTS = {"rx90": "Stäubli RX90", "ur5": "UR5", "ur10": "UR10"}  # what people call them
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +153,7 @@ class ProbeSettings:
 
     __pydantic_config__: ClassVar = STRICT
 
-    name: ProbeName = "2.25MHz"
+    name: str = limited("2.25MHz", enum=tuple(PROBE_DATA))
     excitation: Excitation = "chirp"
     # front echo peak over in-band noise rms, perpendicular contact
     front_snr_db: float = number(50.0, "SNR", "dB", 0.0, 90.0, 1.0)

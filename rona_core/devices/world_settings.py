@@ -1,4 +1,4 @@
-"""World settings: how far patient and devices are from what a laboratory is told of them."""
+"""World settings: how far patient and devices are from their stated values."""
 
 from dataclasses import dataclass
 from typing import ClassVar, Literal
@@ -13,7 +13,7 @@ WorldProfile = Literal["nominal", "realistic", "hard"]
 class WorldSettings:
     """Which world the virtual patient and devices are drawn from.
 
-    ``nominal``: all is as it is told. ``realistic`` and ``hard``: each quantity is drawn from the
+    ``nominal``: all is as stated. ``realistic`` and ``hard``: each quantity is drawn from the
     seed, as published spreads have it or at their far end. A quantity that is not None is as it is
     set. Nothing of this is known to what plans, calibrates or detects. ``docs/world.md`` explains
     each.
@@ -31,7 +31,7 @@ class WorldSettings:
     gel_speed_mm_per_us: float | None = number(None, "Gel speed of sound", "mm/µs", 1.4, 1.7, 0.01)
     # of gel that remains under the pressed face
     film_mm: float | None = number(None, "Gel film", "mm", 0.0, 0.5, 0.01)
-    # line's temperature over the one that is told
+    # line's temperature over the stated one
     line_excess_k: float | None = number(None, "Line excess temperature", "K", -15.0, 25.0, 1.0)
     # by which it then warms in the course of a capture
     line_drift_k: float | None = number(None, "Line temperature drift", "K", -10.0, 10.0, 1.0)

@@ -73,8 +73,11 @@ def detected_passes(session: "Session") -> "list[tuple[Detection, tuple[ScanCapt
         passes.append((again.value, further))
     poses = [[probe_poses_of(session, one) for one in scans] for _, scans in passes]
     return [
-        (at_speed_of_maps(session, found, Poses.joined([p for p in told if p is not None])), scans)
-        for (found, scans), told in zip(passes, poses, strict=True)
+        (
+            at_speed_of_maps(session, found, Poses.joined([p for p in stated if p is not None])),
+            scans,
+        )
+        for (found, scans), stated in zip(passes, poses, strict=True)
     ]
 
 

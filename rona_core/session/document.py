@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 from functools import cache
 from typing import Any, Generic, Literal, TypeVar
 
+from rona_core import __version__
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.calibration.handheld.pointer import PointerCalibration
 from rona_core.calibration.handheld.tracked_probe import SonoCalibration
@@ -163,6 +164,7 @@ class Derived(Generic[T]):
     message: str  # name of the command or activity that made it
     arguments: dict[str, object]  # its fields, plain values
     inputs: dict[str, str]  # input name -> digest
+    version: str = __version__  # of the program that made it
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
 """Session files: one zip of JSON and arrays, written so that a crash loses nothing.
 
 The same document gives the same bytes. How it is read: ``members``. A temporary file beside each
-becomes it once it is whole; a lock tells which of them nobody writes any more.
+becomes it once it is whole; a lock distinguishes those that are still being written.
 """
 
 import contextlib
@@ -324,7 +324,7 @@ def _with_log(members: Members) -> dict[str, Any]:
 
 
 def lock_file(descriptor: int, *, wait: bool = False) -> bool:
-    """Lock an open file until it is closed; False where another holds it, unless told to wait.
+    """Lock an open file until it is closed; False where another holds it, unless ``wait``.
 
     The system lets go when the process ends, however it ends.
     """
@@ -357,7 +357,7 @@ def remove_stale_temporaries(folder: Path) -> int:
         with contextlib.suppress(OSError):  # one that cannot be removed does no harm
             descriptor = os.open(path, os.O_RDWR)
             try:
-                if lock_file(descriptor):  # nobody writes it
+                if lock_file(descriptor):  # not being written
                     path.unlink()
                     removed += 1
             finally:

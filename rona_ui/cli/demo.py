@@ -109,7 +109,12 @@ def _print_figures(figures: dict[str, Any], session: Session) -> None:
     for column in ("figure", "value", "unit", "limit", "verdict", "paper"):
         right = column in ("value", "limit", "paper")
         table.add_column(column, justify="right" if right else "left")
+    section = ""
     for row in quality_rows(figures, session):
+        if row.section != section:
+            section = row.section
+            table.add_section()
+            table.add_row(Text(section, "bold"))
         sign = "\u2264" if row.sense == "at most" else "\u2265"
         table.add_row(
             row.title,

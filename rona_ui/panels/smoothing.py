@@ -6,6 +6,7 @@ from rona_core.app.steps.path.messages import ClearPathEdits
 from rona_core.app.steps.path.path_checks import PathCheck, Stretch, check_path
 from rona_core.app.steps.smoothing.messages import SmoothScanPath
 from rona_core.app.steps.smoothing.path_view import PathView
+from rona_core.session.document import Derived, SmoothPath
 from rona_ui.panels.path.path_graph import deviation_bar
 from rona_ui.panels.path.path_points import PathPoints
 from rona_ui.panels.widgets import style
@@ -131,9 +132,20 @@ class SmoothingPanel(StepPanel):
         chosen = "given" if normals.choice is None else "from the point cloud"
         if normals.choice is not None:
             chosen += f": noise {normals.choice.noise_mm:.2f} mm"
-        words += style.text(f"Normal radius {normals.radius_mm:.1f} mm ({chosen}).")
+        words += _replaced_method(smooth) + style.text(
+            f"Normal radius {normals.radius_mm:.1f} mm ({chosen})."
+        )
         words += deviation_bar("Uncertainty of the normals (deg)", check.tolerance_deg)
         return words + warning_notes(check) + style.key(LEGEND)
+
+
+def _replaced_method(smooth: Derived[SmoothPath]) -> str:
+    """Return which method was used in place of the chosen one; nothing where that was used."""
+    used = smooth.value.simplified
+    if used.method == smooth.arguments.get("method", used.method):
+        return ""
+    title = next(title for title, method in METHODS.items() if method == used.method)
+    return style.note(f"Method used: {title}. Points that stay: {used.rule}.")
 
 
 LEGEND = (

@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from rona_core.app.steps.maps.comparison import MapComparison
 from rona_core.app.steps.maps.view import MapQuantity
 from rona_core.app.steps.roll.margins_view import Quantity
 from rona_core.path.painted_regions import PaintKind
@@ -159,7 +158,7 @@ class ViewState:
     handheld: bool = False  # the scan by hand is looked at, where there are both
     handheld_cursor: float = 0.0  # 0 to 1 along the scan by hand
     joint: int = 0  # joint in the graph, 0 for all
-    comparison: MapComparison | None = None  # with a reference that somebody chose
+    comparison: str | None = None  # job that compared the maps with a reference
     pairs: Pairs = ()  # that a reference is laid by
     bone_threshold: float = 300.0  # from which a value of a reference CT is bone
     compared_pairs: Pairs = ()  # those that the comparison had

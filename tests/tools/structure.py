@@ -5,6 +5,7 @@ walks are those of the checkout that Python imports.
 """
 
 import ast
+import importlib
 import inspect
 import io
 import sys
@@ -20,7 +21,7 @@ Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 
 @cache
-def parsed(path: Path) -> ast.Module:
+def tree(path: Path) -> ast.Module:
     """Return the syntax tree of a module."""
     return ast.parse(path.read_text("utf-8"))
 
@@ -33,7 +34,7 @@ def modules(root: Path, *folders: str) -> list[Path]:
 def functions(root: Path, *folders: str) -> Iterator[tuple[str, Function]]:
     """Yield every function with its place."""
     for path in modules(root, *folders):
-        for node in ast.walk(parsed(path)):
+        for node in ast.walk(tree(path)):
             if isinstance(node, Function):
                 yield f"{path.relative_to(root)}:{node.lineno} {node.name}", node
 
@@ -91,7 +92,7 @@ def imports(root: Path, *folders: str) -> dict[str, set[str]]:
         if module.endswith(".__init__"):
             continue  # a front door imports what is behind it
         edges[module] = set()
-        for node in ast.walk(parsed(path)):
+        for node in ast.walk(tree(path)):
             if isinstance(node, ast.ImportFrom) and node.module in names:
                 edges[module] |= {
                     full if (full := f"{node.module}.{alias.name}") in names else node.module
@@ -152,7 +153,7 @@ def statements(path: Path) -> int:
     return sum(
         isinstance(node, ast.stmt)
         and not (isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant))
-        for node in ast.walk(parsed(path))
+        for node in ast.walk(tree(path))
     )
 
 
@@ -160,7 +161,7 @@ def import_lines(path: Path) -> int:
     """Return the lines of a module that its import statements take."""
     return sum(
         (node.end_lineno or node.lineno) - node.lineno + 1
-        for node in ast.walk(parsed(path))
+        for node in ast.walk(tree(path))
         if isinstance(node, ast.Import | ast.ImportFrom)
     )
 
@@ -191,7 +192,7 @@ class Walk:
 
     def _tree(self, module: str) -> ast.Module | None:
         path = self._root.joinpath(*module.split(".")).with_suffix(".py")
-        return parsed(path) if path.is_file() else None
+        return tree(path) if path.is_file() else None
 
     def _follow(self, module: str, function: str, place: int | str) -> None:
         node = self._definition(module, function)
@@ -248,7 +249,7 @@ class Walk:
 
 def walks(root: Path) -> dict[str, Walk]:
     """Return the walk from the derivation of each result, longest first."""
-    import rona_core.compose  # noqa: F401  # declares the steps
+    importlib.import_module("rona_core.compose")  # declares the steps
     from rona_core.app.declarations.registry import REGISTRY
 
     found: dict[str, Walk] = {}

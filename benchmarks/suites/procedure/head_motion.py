@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.metric import Metric, Progress, over_seeds
+from rona_core.app.declarations.figures import limit_of
 from rona_core.app.dependencies.head_reference import watch_head
 from rona_core.app.overview.acceptance import quality_rows
 from rona_core.app.procedure import PROCEDURE, run_procedure
@@ -36,7 +37,7 @@ WORLDS = {
     "hard": SetWorld(profile="hard"),
 }
 ONE_PASS = tuple(step for step in PROCEDURE if step[0] != "second")
-GOAL_COMMON_MM, GOAL_ALARMS = 0.05, 0.05
+GOAL_COMMON_MM, GOAL_ALARMS = limit_of("head_shift_error_mm"), 0.05
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,7 +33,7 @@ class Compute(Protocol):
         """Return ``function(*args, progress=…, cancel=…)``, computed here or elsewhere.
 
         Raises:
-            CancelledError: somebody cancelled.
+            CancelledError: ``cancel`` returned True.
         """
         ...
 
@@ -71,7 +71,7 @@ class ActivityContext:
         """Return ``function(*args)``, computed where ``compute`` does, watched and cancellable.
 
         Raises:
-            CancelledError: somebody cancelled.
+            CancelledError: ``cancel`` returned True.
         """
         return self.compute(function, *args, progress=self.progress, cancel=self.cancel)
 
@@ -194,6 +194,15 @@ class StepLine:
 
 
 @dataclass(frozen=True, slots=True)
+class Export:
+    """A file for other programs: its name, what it holds, and what makes it of a session."""
+
+    name: str
+    says: str
+    make: Callable[[Session], bytes]
+
+
+@dataclass(frozen=True, slots=True)
 class Step:
     """All that belongs to a step. One without a line is part of another, or of several."""
 
@@ -203,5 +212,6 @@ class Step:
     activities: tuple[Activity, ...] = ()
     captures: tuple[Capture, ...] = ()
     results: tuple[Result, ...] = ()
+    exports: tuple[Export, ...] = ()
     line: StepLine | None = None
     part_of: str | None = None  # the step whose captures and results are listed with these

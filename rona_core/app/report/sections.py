@@ -4,9 +4,8 @@ from collections.abc import Iterable
 
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.dependencies.step_states import StepState
-from rona_core.app.overview.acceptance import QualityRow, judgement
+from rona_core.app.overview.acceptance import QualityRow, judgement, quality_table
 from rona_core.app.overview.frame_graph import frame_rows
-from rona_core.app.overview.quality_sections import quality_table
 from rona_core.app.report.page import Html, badge, joined, note, table, tag
 from rona_core.app.steps.maps.further_passes import usable_second
 from rona_core.app.steps.roll.certificate_view import CertificateView, certificate_view
@@ -186,6 +185,7 @@ def motion_section(session: Session) -> Html:
     contact = contact_report(session)
     if contact is not None and stale_reason("capture scan", session) is None:
         parts += [tag("h3", "Scan"), tag("p", contact.sentence)]
+        parts += [] if contact.mass is None else [note(f"{contact.mass}.", "warn")]
         parts += [] if contact.delay is None else [tag("p", delay_sentence(contact.delay))]
     return joined(parts)
 

@@ -265,7 +265,7 @@ class Workbench:
         """Return the errors of the robot's maps against ground truth.
 
         Raises:
-            DeviceError: the devices are real, so nobody knows the truth.
+            DeviceError: the devices are real: there is no ground truth.
             StepBlockedError: nothing was mapped.
         """
         judge = self._services.map_errors

@@ -84,7 +84,7 @@ def estimate_time_offset(
     sigma_s = _sigma(curve_a, times - offset_s, wanted, int(np.ceil(6.0 * width_s / step_s)))
     if sigma_s > WORST_SIGMA * MAX_OFFSET_S:
         raise DegenerateGeometryError(
-            f"the motion is too even: it tells the delay only to {1e3 * sigma_s:.3g} ms; "
+            f"the motion is too even: it gives the delay only to {1e3 * sigma_s:.3g} ms; "
             "start, stop and turn more often"
         )
     if len(minima) > 1 and minima[1][0] < 1.5 * cost + SAME_SHARE * total:

@@ -1,4 +1,4 @@
-"""Reference bone: surfaces of the bone that somebody else measured, and how they come to ``base``.
+"""Reference bone: surfaces of the bone measured by other means, and their registration to ``base``.
 
 A registration by surface takes away what the whole map is off by as a rigid body: what is left is
 shape alone, and a common shift of the map can no longer be seen.

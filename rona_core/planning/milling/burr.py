@@ -1,4 +1,4 @@
-"""Burrs: ball, cylinder and bull-nose, told apart by the radius of the corner of their end."""
+"""Burrs: ball, cylinder and bull-nose, by the corner radius of their end."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""A milling path: places of the tool's tip with its axis, told apart by what each move is for."""
+"""A milling path: places of the tool's tip with its axis, each with the purpose of the move."""
 
 from dataclasses import dataclass
 from enum import IntEnum

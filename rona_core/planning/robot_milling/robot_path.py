@@ -31,7 +31,7 @@ def robot_path(
     """Return what a robot is to drive: each layer begins and ends at rest above the middle.
 
     Upright in the air, as high as the path itself goes up between cuts. So the end of every layer
-    is the same posture, and whoever stops there goes home as after the last one.
+    is the same posture, and a motion that stops there returns as after the last one.
 
     Args:
         path: Of n places.

@@ -14,6 +14,7 @@ from rona_core.robot.redundancy.margins import MarginLimits
 
 FARTHEST_MM = 2000.0  # settings of the robot allow no more
 MAX_PLACES = 2000  # that a session looks at
+ALL_AROUND_DEG = tuple(10.0 * k for k in range(36))
 FEW = f"at most {MAX_PLACES} places: across, along and by height, `step_mm` apart"
 
 
@@ -32,7 +33,10 @@ class BaseSearch:
     # least level distance of the base from the middle of the path
     keep_off_mm: float = limited(350.0, minimum=0.0, maximum=FARTHEST_MM)
     n_points: int = limited(60, minimum=2, maximum=2000)  # of the path, looked at when screening
-    n_rolls: int = limited(36, minimum=1, maximum=360)
+    # rolls looked at when screening
+    rolls_deg: tuple[float, ...] = limited(
+        ALL_AROUND_DEG, minimum=-360.0, maximum=720.0, minItems=1, maxItems=360
+    )
     # room that another place must have: calibrated anew, the path is another
     reserve: float = limited(0.05, minimum=0.0, maximum=2.0)
     margin_limits: MarginLimits = field(default_factory=MarginLimits)

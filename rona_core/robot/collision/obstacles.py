@@ -1,6 +1,6 @@
 """What stands around the robot: simple convex shapes in ``base``, each with a margin to keep.
 
-Plain values, so that they can be stored, sent to another process and told apart by their digest.
+Plain values, so that they can be stored, sent to another process and compared by their digest.
 Nothing here knows where things really are: see docs/algorithms/robot/collision.md for who says so.
 """
 
@@ -158,7 +158,7 @@ def table_and_floor(
 
 
 def added_boxes(settings: Surroundings, room: Pose) -> tuple[Obstacle, ...]:
-    """Return what else somebody said to stand in the room, in ``base``."""
+    """Return the further boxes of the set-up, in ``base``."""
     return tuple(
         Obstacle(
             box.name,

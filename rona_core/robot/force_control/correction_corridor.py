@@ -114,6 +114,7 @@ def band_is_safe(
         tuple(checks),
         motion_digest(robot, trajectory.times_s, qs, around),
         robot,
+        tolerances="",  # its checks have limits of their own
         obstacles=around,
     )
     return CorrectionCorridor(

@@ -11,7 +11,7 @@ from rona_core.devices.settings import ContactSettings
 from rona_core.devices.wrench import JR3
 from rona_core.geometry.arrays import clamped
 
-GAIN_SHARE = 0.3  # of the gain at which the loop rings for ever
+GAIN_SHARE = 0.3  # of the gain at which the loop oscillates undamped
 RESET_DELAYS = 5.0  # integration time over the dead time
 ERROR_MM, ERROR_LENGTH_MM = 2.0, 60.0  # misplaced surface that is reckoned with: a wave
 ALLOWED_RMS_N = 0.7  # of the force over such a surface; a stiffer contact is scanned slower

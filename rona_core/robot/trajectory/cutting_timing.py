@@ -93,7 +93,7 @@ def time_cutting(
         qs_rad: Joint angles (m, 6) there, continuous, one branch.
         model: The robot with its spindle.
         settings: How to drive.
-        clear: Tells for joint angles (n, 6) where nothing is touched; None: nothing is known.
+        clear: Maps joint angles (n, 6) to where nothing is touched; None: nothing is known.
 
     Raises:
         InvalidInputError: not one joint vector for each way, or rests at different postures.

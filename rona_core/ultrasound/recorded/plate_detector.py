@@ -86,7 +86,7 @@ def detect_recorded(
         recorded: Lines from a file.
         sound_speed_mm_per_us: In the plate; thickness is proportional to it.
         prior_mhz: Nominal frequency of the probe, where it is known.
-        progress: Told the share that is done.
+        progress: Receives the share that is done, 0 to 1.
         cancel: Asked between steps.
 
     Raises:

@@ -229,7 +229,8 @@ async def upload_specimen(
     """Store the body as a file for an import.
 
     A mask, CT volume or mesh for `StartSkullImport`, a recording for `StartRecordingImport`, the
-    poses of a pivot or the markers of a tool for `StartPivotImport`.
+    poses of a pivot or the markers of a tool for `StartPivotImport`, a reference for
+    `StartComparison`.
     """
     async with spooled(request, hub.files.uploads) as body:
         size_bytes = body.stat().st_size

@@ -1,11 +1,11 @@
 """Step 10: the bed of an implant is searched or laid by hand; verdict, figures, milling path."""
 
 from dataclasses import replace
-from typing import Any, get_args
+from typing import Any
 
 from rona_core.app.steps.implant.derivation import BURRS_MM
 from rona_core.app.steps.implant.implant_bed import ImplantBed
-from rona_core.app.steps.implant.messages import ImplantName, StartBedSearch
+from rona_core.app.steps.implant.messages import IMPLANTS, StartBedSearch
 from rona_core.app.steps.implant.view import MillingView
 from rona_core.app.steps.maps.view import layers_of
 from rona_ui.panels.implant.burr import BurrFields
@@ -71,8 +71,8 @@ class ImplantPanel(StepPanel):
     def build(self) -> None:
         """Add what is asked of the bed."""
         self._burr = BurrFields(self.gui, self.context)
-        names = {name: name for name in get_args(ImplantName)}
-        self.form.choice("implant", "Implant", names, "BCI 602")
+        names = {name: name for name in IMPLANTS}
+        self.form.choice("implant", "Implant", names, StartBedSearch().implant)
         self.form.choice("lift_mm", "Lift", LIFTS, None, "Spacer that raises the implant")
         self.form.number(
             "limit_mm", "Bone below (mm)", 1.0, 0.0, 10.0, 0.1, "That must be left everywhere"
@@ -107,7 +107,7 @@ class ImplantPanel(StepPanel):
         self._window.visible = held is not None and not new.view.shows("chance")
         if changed(old, new, "view.skull_window"):
             self._window.value = new.view.skull_window
-        if changed(old, new, "session", "view", "static_scene", "truth"):
+        if changed(old, new, "session", "view", "static_scene", "compared", "truth"):
             self._key.content = "" if held is None else _key(new)
         self._figures.visible = held is not None and held.value.placed is not None
         if changed(old, new, "session.results", "milling"):

@@ -137,7 +137,7 @@ class MapsPanel(StepPanel):
             field.visible = maps is not None
         if maps is None:
             self._bar.content = ""
-        elif changed(old, new, "session.results", "static_scene", "view", "truth"):
+        elif changed(old, new, "session.results", "static_scene", "view", "compared", "truth"):
             self._bar.content = color_bar(
                 layers_of(maps, new.view.quantity, map_sigma(new), map_errors(new))
             )

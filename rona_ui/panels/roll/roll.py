@@ -3,7 +3,13 @@
 from functools import partial
 from typing import Any, Literal
 
-from rona_core.app.steps.roll.base_placement import BasePlace, BasePlacement, fresh_placement, moves
+from rona_core.app.steps.roll.base_placement import (
+    BasePlace,
+    BasePlacement,
+    fresh_placement,
+    last_roll_search,
+    moves,
+)
 from rona_core.app.steps.roll.certificate_view import certificate_view
 from rona_core.app.steps.roll.messages import (
     ApplyBasePlacement,
@@ -88,7 +94,7 @@ def placement_words(session: Session, found: BasePlacement | None) -> str:
     if found is None:
         return _outdated_note(session)
     offered = offers(found)
-    words = ""
+    words = _rolls_note(last_roll_search(session))
     if found.smallest is None:
         reasons = "; ".join(found.reasons)
         words += style.note(f"No verified base pose found: {reasons}.", "warn")
@@ -100,6 +106,17 @@ def placement_words(session: Session, found: BasePlacement | None) -> str:
     return words + (style.text(AGAIN) if offered else "")
 
 
+def _rolls_note(rolls: StartRollSearch) -> str:
+    """Return which rolls a place must work with, where they are not the default ones."""
+    if rolls == StartRollSearch():
+        return ""
+    mode = next(title for title, mode in MODES.items() if mode == rolls.mode)
+    return style.text(
+        f"Rolls of the last search: {mode.lower()}, {rolls.n_rolls} from "
+        f"{rolls.roll_from_deg:g}° to {rolls.roll_to_deg:g}°."
+    )
+
+
 def _outdated_note(session: Session) -> str:
     """Return what is left to say of a search that no longer holds."""
     searched, robot = session.results.placement, session.setup.devices.robot
@@ -108,7 +125,7 @@ def _outdated_note(session: Session) -> str:
     stands = robot.base_shift_mm, robot.base_turn_deg
     if any((place.shift_mm, place.turn_deg) == stands for place in offers(searched.value).values()):
         return style.note("The base stands at the selected pose. " + AGAIN)
-    return style.note("Base, path or obstacles have changed. Search again.")
+    return style.note("Base, path, rolls or obstacles have changed. Search again.")
 
 
 def placement_key(found: BasePlacement | None) -> str:

@@ -78,6 +78,8 @@ def contact_note(session: Session) -> str:
         return ""
     ended = report.contact is not None and bool(report.contact.reason)
     words = style.note(report.sentence, "warn" if ended else "")
+    if report.mass is not None:
+        words += style.note(f"{report.mass}.", "warn")
     return words + (style.text(delay_sentence(report.delay)) if report.delay is not None else "")
 
 

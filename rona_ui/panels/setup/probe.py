@@ -16,15 +16,11 @@ from rona_core.app.steps.acoustics.view import (
     probe_performances,
     probe_values,
 )
-from rona_core.app.steps.boundaries.probe_advice import (
-    PROBE_TITLES,
-    THICK_MM,
-    THIN_MM,
-    probe_advice,
-)
+from rona_core.app.steps.boundaries.probe_advice import probe_advice
 from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.devices.limits import range_of
-from rona_core.devices.settings import Excitation, ProbeName, ProbeSettings
+from rona_core.devices.probes import BY_FREQUENCY, PROBE_DATA
+from rona_core.devices.settings import Excitation, ProbeSettings
 from rona_core.session.document import Session
 from rona_core.session.specimen import BoneKind
 from rona_ui.panels.widgets import style
@@ -61,7 +57,8 @@ class ProbeFields:
     def build(self) -> None:
         """Add probe and excitation, and what each combination promises."""
         form = self._form
-        form.choice("name", "Probe", {v: k for k, v in PROBE_TITLES.items()}, "2.25MHz")
+        probes = {one.title: name for name, one in PROBE_DATA.items()}
+        form.choice("name", "Probe", probes, self._settings.name)
         form.choice("excitation", "Excitation", {"Chirp": "chirp", "Pulse": "pulse"}, "chirp")
         form.number("front_snr_db", "SNR (dB)", 50.0, 0.0, 90.0, 1.0)
         form.number("pitch_mm", "Pitch (mm)", 1.0, 0.2, 10.0, 0.1, "Between A-scans")
@@ -140,9 +137,14 @@ def advice_note(session: Session, *, unless_suits: bool = False) -> str:
         return ""
     if advice is not None:
         return style.note(advice.sentence, "good" if advice.kind == "suits" else "warn")
+    words = ", ".join(
+        f"{PROBE_DATA[name].title} for bone of {PROBE_DATA[name].min_thickness_mm:g} to "
+        f"{PROBE_DATA[name].fades_mm:g} mm"
+        for name in BY_FREQUENCY
+    )
     return style.text(
-        f"Use 2.25 MHz for bone under {THIN_MM:g} mm (better resolution), 1 MHz for bone "
-        f"over {THICK_MM:g} mm or hard bone. Map a scan to get a recommendation."
+        f"Use {words}; the higher frequency resolves better, hard bone needs the lower. Map a "
+        "scan to get a recommendation."
     )
 
 
@@ -151,7 +153,7 @@ def performance_table(rows: tuple[ExpectedPerformance, ...], chosen: ProbeSettin
     cells: list[list[str]] = []
     for row in rows:
         at = dict(zip(row.thickness_mm.tolist(), row.sigma_mm.tolist(), strict=True))
-        name = f"{PROBE_TITLES[row.probe]} {row.excitation}"
+        name = f"{PROBE_DATA[row.probe].title} {row.excitation}"
         if (row.probe, row.excitation) == (chosen.name, chosen.excitation):
             name = f"<b>▶ {name}</b>"
         sigmas = [f"{1e3 * at[mm]:.0f}" if row.reaches(mm) and mm in at else "–" for mm in SHOWN_MM]
@@ -165,10 +167,9 @@ def performance_table(rows: tuple[ExpectedPerformance, ...], chosen: ProbeSettin
     return words + style.table(("", *"n" * len(SHOWN_MM), "n"), head, cells)
 
 
-PROBES: dict[str, tuple[ProbeName, ...]] = {
-    "Both": ("2.25MHz", "1MHz"),
-    "2.25 MHz": ("2.25MHz",),
-    "1 MHz": ("1MHz",),
+SWEPT: dict[str, tuple[str, ...]] = {
+    "All": tuple(PROBE_DATA),
+    **{one.title: (name,) for name, one in PROBE_DATA.items()},
 }
 EXCITATIONS: dict[str, tuple[Excitation, ...]] = {
     "Both": ("pulse", "chirp"),
@@ -192,7 +193,7 @@ class ProbeComparisonPanel:
         )
         self._advice = gui.add_html("")
         with gui.add_folder("Sweep parameters", expand_by_default=False):
-            self._probes = gui.add_dropdown("Probes", tuple(PROBES))
+            self._probes = gui.add_dropdown("Probes", tuple(SWEPT))
             self._excitations = gui.add_dropdown("Excitation", tuple(EXCITATIONS))
             self._bone = gui.add_dropdown("Bone", tuple(BONES))
             self._snr = gui.add_text("SNR (dB)", "30, 50", hint="Comma-separated list")
@@ -207,7 +208,7 @@ class ProbeComparisonPanel:
     def message(self) -> StartProbeSweep:
         """Return the sweep that the fields make."""
         return StartProbeSweep(
-            probes=PROBES[self._probes.value],
+            probes=SWEPT[self._probes.value],
             excitations=EXCITATIONS[self._excitations.value],
             snr_db=numbers(self._snr.value),
             thickness_mm=numbers(self._thickness.value),

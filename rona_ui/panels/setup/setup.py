@@ -16,7 +16,7 @@ from rona_core.app.steps.setup.messages import (
     UseSimulatedSkull,
 )
 from rona_core.app.steps.setup.robot_parameters import robot_figures
-from rona_core.devices.settings import ROBOTS
+from rona_core.devices.robots import ROBOTS
 from rona_core.devices.world_settings import REALISTIC_WORLD
 from rona_core.errors import InvalidInputError, RonaError
 from rona_core.session.document import Session
@@ -76,7 +76,7 @@ class SetupPanel(StepPanel):
         with gui.add_folder("Tracker displacement", expand_by_default=False):
             self._tracker.build_place()
         with gui.add_folder("Robot", expand_by_default=False):
-            form.choice("model", "Arm", {title: name for name, title in ROBOTS.items()}, "rx90")
+            form.choice("model", "Arm", {one.title: name for name, one in ROBOTS.items()}, "rx90")
             form.tick("errors", "Simulate robot error", True, "0.35 mm RMS over its workspace")
             form.number("scan_speed_mm_per_s", "Scan speed (mm/s)", 20.0, 0.5, 100.0, 1.0)
             form.vector("base_shift_mm", "Base shift (mm)", (0.0, 0.0, 0.0))

@@ -3,8 +3,13 @@
 from typing import Any, ClassVar
 
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.overview.acceptance import Judgement, QualityRow, judgement, quality_rows
-from rona_core.app.overview.pending_figures import pending_figures
+from rona_core.app.overview.acceptance import (
+    Judgement,
+    QualityRow,
+    judgement,
+    pending_figures,
+    quality_rows,
+)
 from rona_core.errors import InvalidInputError
 from rona_core.session.memo import Memo
 from rona_ui.panels.widgets import style

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from rona_core.app.overview.acceptance import FIGURES
+from rona_core.app.declarations.figures import FIGURES
 from rona_core.app.procedure import IMPLANT, PROCEDURE, WITHOUT_REFERENCES
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.compose import DemoSkull, new_workbench
@@ -213,18 +213,17 @@ def test_serve_refuses_what_is_not_safe(capsys):
         assert "--sessions" in refused(capsys, ["serve", "--sessions", nowhere])
 
 
-def test_it_runs_as_a_module_and_help_names_units():
-    def run(*arguments):
-        return subprocess.run(
-            [sys.executable, "-m", "rona_ui", *arguments],
-            capture_output=True,
-            text=True,
-            check=False,
-            cwd=ROOT,
-        )
-
-    shown = run("demo", "--help")
-    assert shown.returncode == 0
+def test_it_runs_as_a_module_and_help_names_units(capsys):
+    shown = subprocess.run(
+        [sys.executable, "-m", "rona_ui", "demo", "--help"],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=ROOT,
+    )
     assert " mm" in shown.stdout
-    assert run("--version").stdout.startswith("rona ")
-    assert run().returncode == 2
+    for arguments, status in ((["--version"], 0), ([], 2)):
+        with pytest.raises(SystemExit) as ended:
+            main(arguments)
+        assert ended.value.code == status
+    assert capsys.readouterr().out.startswith("rona ")

@@ -26,6 +26,8 @@ from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.milling_tool import Spindle
 from rona_core.robot.planning.calibration_motion import ToolMotionSettings, plan_tool_motion
 from rona_core.robot.planning.plan_scan import PlanSettings, plan_scan
+from rona_core.robot.verification.tolerances import Tolerances
+from rona_core.robot.verification.verifier import verify_scan
 from rona_core.session.codec import digest
 from rona_core.session.document import Derived, Session, Setup
 from rona_ui.panels.roll.certificate import verdict
@@ -144,6 +146,22 @@ def in_session(setup, plan):
     return replace(session, results=replace(session.results, roll=derived(plan)))
 
 
+def test_a_scan_that_was_verified_with_other_tolerances_is_not_executed(plan):
+    free, made = plan
+    loose = Tolerances(position_mm=0.5)
+    motion, search = made.trajectory, made.search
+    around = session_obstacles(Session(setup=free))
+    speed = free.devices.robot.scan_speed_mm_per_s
+    certificate = verify_scan(RX90, motion, search.path, search.rolls_rad, speed, loose, around)
+    assert certificate.certified
+    session = in_session(free, replace(made, certificate=certificate))
+    assert session.results.roll.value.may_move
+    with pytest.raises(NotReachableError, match=r"other tolerances .*: plan again$"):
+        capture_scan(session, None)
+    assert "other tolerances" in plan_reason(session)
+    assert not certificate_view(session).certified
+
+
 OTHER_ROBOTS = {
     "longer": replace(RX90, arm=replace(RX90.arm, upper_arm_mm=500.0)),
     "slower": replace(RX90, limits=replace(RX90.limits, speed_rad_per_s=np.full(6, 1e-3))),
@@ -165,7 +183,7 @@ def test_a_scan_is_executed_only_by_the_robot_it_was_certified_for(plan, what, m
     assert "plan again" in plan_reason(session)
     view = certificate_view(session)
     assert not view.certified
-    assert "another motion or robot. Plan again" in verdict(view, stale=False)
+    assert "another motion, robot or tolerances. Plan again" in verdict(view, stale=False)
 
 
 def test_every_other_motion_is_held_against_the_robot_that_is_to_drive_it():

@@ -249,7 +249,7 @@ def test_maps_say_what_another_posture_in_a_further_pass_does_to_them(small):
     lines = {line.title: line.predicted_mm for line in error_budgets(after, {})[1].lines}
     held = {row.cause: row for row in after.thickness.budget}
     assert OTHER_POSTURE in causes - {row.cause for row in before.thickness.budget}
-    assert lines["Further pass in another posture"] == held[OTHER_POSTURE].sigma_mm
+    assert lines["Another posture in a further pass"] == held[OTHER_POSTURE].sigma_mm
     assert 0.02 < held[OTHER_POSTURE].sigma_mm < 0.3
     assert not held[OTHER_POSTURE].of_robot
     np.testing.assert_array_equal(before.outer.own_mm, after.outer.own_mm)

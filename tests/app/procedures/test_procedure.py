@@ -61,6 +61,7 @@ def opened(session: Session) -> Workbench:
     return new_workbench(session)
 
 
+@pytest.mark.ci
 def test_the_procedure_completes_within_the_goals(demo):
     session, figures = demo
     assert figures["completed"] is True
@@ -97,12 +98,14 @@ def test_the_procedure_completes_within_the_goals(demo):
     }
 
 
+@pytest.mark.ci
 def test_saving_and_loading_keeps_every_bit(demo, tmp_path):
     session, _ = demo
     back = load_session(save_session(session, tmp_path / "demo.rona"))
     assert digest(back) == digest(session)
 
 
+@pytest.mark.ci
 def test_every_result_follows_from_the_captures_without_the_virtual_world(demo, tmp_path):
     path = save_session(demo[0], tmp_path / "demo.rona")
     done = subprocess.run(

@@ -95,13 +95,14 @@ def test_a_field_takes_its_type_and_nothing_else(kind, field, hint):
 @pytest.mark.parametrize(("kind", "field", "hint"), cases())
 def test_python_is_refused_the_same(kind, field, hint):
     fits, wrong = values(hint, limits_of(kind)[field])
+    hints, limits = get_type_hints(kind), limits_of(kind)
+    good = {name: values(hints[name], words)[0][0] for name, words in limits.items()}
     for value, _ in wrong:
         if value is None and None in fits:
             continue
         message = object.__new__(kind)  # its own check may refuse it sooner, with fewer words
-        for other in dataclasses.fields(kind):
-            good = values(get_type_hints(kind)[other.name], limits_of(kind)[other.name])[0][0]
-            object.__setattr__(message, other.name, value if other.name == field else good)
+        for name in good:
+            object.__setattr__(message, name, value if name == field else good[name])
         with pytest.raises(InvalidInputError, match=f"{kind.__name__} /{field}"):
             require_exact(message)
 

@@ -1,7 +1,6 @@
 """Verification on landmarks before the robot scans: the gate, what it catches, the override."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,14 +28,13 @@ from rona_core.errors import (
 )
 from rona_core.geometry.pose import Pose
 from rona_core.session.codec import digest
-from rona_core.session.files import load_session, session_bytes, session_from_bytes
-
-DEMO = Path(__file__).parents[3] / "sessions" / "demo.rona"
+from rona_core.session.files import session_bytes, session_from_bytes
+from tests.scenes import demo_parts
 
 
 def opened():
     """Return a bench with the demo session before anything was verified, its plan ready."""
-    demo = load_session(DEMO).with_capture("landmarks", None).with_result("landmarks", None)
+    demo = demo_parts.demo().with_capture("landmarks", None).with_result("landmarks", None)
     return new_workbench(demo)
 
 

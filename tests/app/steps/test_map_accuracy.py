@@ -20,14 +20,12 @@ from rona_core.app.steps.maps.accuracy.error_terms import ErrorTerm
 from rona_core.app.steps.maps.accuracy.map_accuracy import accuracy_words, map_accuracy
 from rona_core.app.steps.maps.accuracy.map_terms import map_terms
 from rona_core.app.steps.maps.accuracy.probe_place import (
-    REPEATABILITY_MM,
     ROBOT_ACCURACY_MM,
     ROOM_K,
     WARMING_K,
     robot_place,
 )
 from rona_core.app.steps.maps.view import layers_of
-from rona_core.devices.settings import ROBOTS
 from rona_core.session.codec import digest
 from rona_core.session.document import Derived, Session, SonoMaps
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
@@ -215,10 +213,6 @@ def test_of_other_ascans_than_those_of_the_maps_nothing_is_said(demo):
     assert map_accuracy(gone) is None
     assert map_accuracy(Session()) is None
     assert map_accuracy(demo, hand=True) is None  # nobody scanned by hand
-
-
-def test_every_arm_has_a_repeatability():
-    assert set(REPEATABILITY_MM) == set(ROBOTS)
 
 
 def test_the_sentence_says_the_size_of_each_error(demo, accuracy):

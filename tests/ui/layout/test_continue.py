@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -13,7 +12,6 @@ from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.path.messages import MovePathPoint
 from rona_core.devices.live import LiveState
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
 from rona_ui.panels.layout.docks import STEP_PANELS
 from rona_ui.panels.layout.run_bar import GO_ON, RunBar
 from rona_ui.panels.widgets.panel_context import PanelContext
@@ -21,13 +19,6 @@ from rona_ui.panels.widgets.step_panel import StepPanel
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState
 from tests.helpers.ui.fake_gui import FakeClient, FakeGui, FakeHandle
-
-DEMO = Path(__file__).resolve().parents[3] / "sessions" / "demo.rona"
-
-
-@pytest.fixture(scope="module")
-def demo() -> Session:
-    return load_session(DEMO)
 
 
 @pytest.fixture(scope="module")

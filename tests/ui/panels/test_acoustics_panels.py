@@ -64,7 +64,7 @@ def test_the_probe_that_the_bone_wants_is_told_where_probes_are_chosen(monkeypat
     before = snapshot()
     for panel in (setup, sweep):
         panel.render(None, before)
-    assert gui.html().count("1 MHz for bone over 8 mm") == 2
+    assert gui.html().count("1 MHz for bone of 4 to 14 mm") == 2
     advice = BoneVerdict("thick", "2.25MHz", "1MHz", "The bone is thick.")
     monkeypatch.setattr("rona_ui.panels.setup.probe.probe_advice", lambda session: advice)
     for panel in (setup, sweep):

@@ -2,7 +2,8 @@
 
 from rona_core.app.messages.message import Point, message, within
 from rona_core.devices.limits import ROW, limited, range_of, require
-from rona_core.devices.settings import Excitation, ProbeName, ProbeSettings
+from rona_core.devices.probes import PROBE_DATA
+from rona_core.devices.settings import Excitation, ProbeSettings
 from rona_core.session.specimen import BoneKind
 
 MAX_POINTS = 50
@@ -88,7 +89,7 @@ class StartProbeSweep:
     Nothing of the specimen goes into it. Every combination is a cell of ``n`` A-scans.
     """
 
-    probes: tuple[ProbeName, ...] = limited(("2.25MHz", "1MHz"), **AXIS)
+    probes: tuple[str, ...] = limited(tuple(PROBE_DATA), enum=tuple(PROBE_DATA), **AXIS)
     excitations: tuple[Excitation, ...] = limited(("pulse", "chirp"), **AXIS)
     snr_db: tuple[float, ...] = within(0.0, 90.0, default=(30.0, 50.0), **AXIS)
     thickness_mm: tuple[float, ...] = within(1.0, 16.0, default=(3.0, 5.0, 8.0, 11.0), **AXIS)

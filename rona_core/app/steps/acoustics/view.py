@@ -22,7 +22,11 @@ from rona_core.ultrasound.acoustic_calibration.expected_performance import (
 )
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import SpeedCalibration
 from rona_core.ultrasound.acoustic_calibration.speed_prior import PATIENTS_SHARE
-from rona_core.ultrasound.detection.detect import NOMINAL_LOSS_DB_PER_CM, Detection, heard
+from rona_core.ultrasound.detection.detect import (
+    NOMINAL_LOSS_DB_PER_CM,
+    Detection,
+    has_inner_echoes,
+)
 from rona_core.ultrasound.detection.spatial.detectability import MORE_LOSS
 from rona_core.ultrasound.probe.probe_model import probe_model
 
@@ -116,7 +120,7 @@ def loss_words(detection: Detection) -> str:
     """Return the loss of the bone that echoes were judged by, beside the published mean."""
     published = f"published mean of {NOMINAL_LOSS_DB_PER_CM:.1f}"
     loss = detection.bone_loss
-    if not heard(detection):
+    if not has_inner_echoes(detection):
         return (
             f"Bone loss: not learned, too few sure inner echoes, so no pass counts; {published} "
             "dB/cm at 1 MHz taken."

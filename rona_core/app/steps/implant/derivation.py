@@ -98,7 +98,7 @@ def derive_search(
     Raises:
         InvalidInputError: the bed is larger than what is mapped.
         StaleResultError: the maps are out of date.
-        CancelledError: somebody cancelled.
+        CancelledError: ``cancel`` returned True.
     """
     release_memory()
     problem = _problem(session, message)

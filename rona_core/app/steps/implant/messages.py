@@ -1,12 +1,11 @@
 """Messages of the implant bed."""
 
-from typing import Literal
-
 from rona_core.app.messages.message import message, within
 from rona_core.devices.limits import PLACE, limited
+from rona_core.planning.implants.catalogue import CATALOGUE
 
 Corners = tuple[tuple[float, float], ...]  # u and v in the plane of the maps, in mm
-ImplantName = Literal["BCI 601", "BCI 602", "CI receiver", "Osia/Baha screw"]
+IMPLANTS = tuple(CATALOGUE)  # by name
 # what a bed keeps away from: each a point, a line or an area
 AVOIDED = {**PLACE, "maxItems": 20, "items": {"minItems": 1, "maxItems": 200}}
 
@@ -19,7 +18,7 @@ class StartBedSearch:
     sinus, a suture, an older screw) is a point, a line, or an area whose last corner is its first.
     """
 
-    implant: ImplantName = "BCI 602"
+    implant: str = limited("BCI 602", enum=IMPLANTS)
     limit_mm: float = within(0.0, 10.0, default=1.0)  # of bone left below the bed
     probability: float = within(0.5, 0.9999, default=0.99)  # of that, and of bone for each screw
     lift_mm: float | None = within(0.0, 4.0, default=None)
@@ -37,7 +36,7 @@ class PlaceBed:
     angle_deg: float = within(-180.0, 180.0, default=0.0)
     tilt_x_deg: float = within(-15.0, 15.0, default=0.0)
     tilt_y_deg: float = within(-15.0, 15.0, default=0.0)
-    implant: ImplantName = "BCI 602"
+    implant: str = limited("BCI 602", enum=IMPLANTS)
     limit_mm: float = within(0.0, 10.0, default=1.0)
     probability: float = within(0.5, 0.9999, default=0.99)
     lift_mm: float = within(0.0, 4.0, default=0.0)

@@ -12,9 +12,11 @@ from rona_core.geometry.arrays import Floats, Ints, readonly
 from rona_core.planning.milling.milling_motion import MillingMotion
 from rona_core.planning.robot_milling.robot_path import milling_obstacles
 from rona_core.robot.trajectory.trajectory import Trajectory
+from rona_core.robot.verification.tolerances import CuttingTolerances
 from rona_core.session.document import Session
 from rona_core.session.memo import Memo, remember
 
+INSISTED = CuttingTolerances()
 _MOTIONS: Memo[MillingMotion] = Memo(2)
 
 
@@ -31,7 +33,7 @@ def milling_stale(session: Session) -> str | None:
     certificate = None if plan is None else plan.certificate
     if reason is not None or certificate is None:
         return reason
-    return certificate.other_robot(milling_model(session, milling_view(session)))
+    return certificate.superseded(milling_model(session, milling_view(session)), INSISTED)
 
 
 def require_certified(session: Session) -> tuple[MillingPlan, Trajectory]:
@@ -52,7 +54,7 @@ def require_certified(session: Session) -> tuple[MillingPlan, Trajectory]:
     view = milling_view(session)
     model, path = milling_model(session, view), robot_path_of(view).cutting
     around = milling_obstacles(session_obstacles(session), path)
-    refusal = certificate.refusal(motion, model, around)
+    refusal = certificate.refusal(motion, model, around, INSISTED)
     if refusal is not None:
         raise StepBlockedError(f"the robot cannot mill this bed: {refusal}")
     return plan, motion

@@ -8,6 +8,7 @@ from rona_core.app.runtime.handling import compute_one, compute_result, computed
 from rona_core.app.steps.implant.bed_lines import BedLines, derive_bed_lines
 from rona_core.app.steps.implant.burr.derivation import KNOWN_BURR
 from rona_core.app.steps.implant.derivation import derive_placed, derive_search
+from rona_core.app.steps.implant.export import EXPORTS
 from rona_core.app.steps.implant.implant_bed import ImplantBed
 from rona_core.app.steps.implant.messages import (
     PlaceBed,
@@ -129,6 +130,7 @@ STEP = declare.Step(
             blocked=_not_to_be_rehearsed,
         ),
     ),
+    exports=EXPORTS,
     results=(
         declare.Result("bed", StartBedSearch, derive_search, INPUTS, WANTED, types=(ImplantBed,)),
         declare.Result("bed", PlaceBed, derive_placed, INPUTS, WANTED),

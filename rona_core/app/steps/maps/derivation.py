@@ -30,7 +30,7 @@ from rona_core.mapping.second_pass import (
 )
 from rona_core.session.document import Derived, Session
 from rona_core.session.memo import Memo
-from rona_core.ultrasound.detection.detect import Detection, detect, doubted, heard
+from rona_core.ultrasound.detection.detect import Detection, detect, doubted, has_inner_echoes
 from rona_core.ultrasound.detection.manual_corrections import corrected
 from rona_core.ultrasound.probe.probe_model import ProbeModel, ProbeSurvey
 
@@ -194,7 +194,7 @@ def derive_second_detection(
         first.bone_loss,
     )
     found = detect_survey(session, survey, message, progress=progress, cancel=cancel)
-    return found if heard(first) else doubted(found, found.inner_ok)
+    return found if has_inner_echoes(first) else doubted(found, found.inner_ok)
 
 
 def derive_mapping(

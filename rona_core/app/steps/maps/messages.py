@@ -2,12 +2,15 @@
 
 from typing import Literal
 
-from rona_core.app.messages.message import message, within
+from rona_core.app.messages.message import Point, message, within
+from rona_core.app.runtime.saving.session_files import FILE_NAME, plain_name
 from rona_core.devices.limits import PLACE, limited
+from rona_core.mapping.comparison.reference_bone import Registration
 from rona_core.mapping.second_pass import SecondPassSettings
 
 Corner = tuple[float, float]  # u and v in the plane of the maps, in mm
 MAX_ROWS = 500
+MAX_PAIRS = 200
 Row = tuple[Corner, Corner]  # start and end of a line
 
 
@@ -38,3 +41,23 @@ class StartGapPlan(SecondPassSettings):
 @message
 class StartGapScan:
     """Let the robot execute the second pass while the probe records A-scans."""
+
+
+@message
+class StartComparison:
+    """Compare the robot's maps with an uploaded reference; the session stays as it is.
+
+    The reference is a mesh (STL, PLY, OBJ, mm; closed: both tables, open: the outer one), a mask or
+    a CT (NRRD, NIfTI), or a session file. ``register`` lays it under the outer map (`surface`), by
+    three or more pairs of points (`points`), or by both in turn; of a CT what has ``threshold`` or
+    more is bone. What was found is the `result` of the job.
+    """
+
+    file: str = limited(**FILE_NAME)
+    register: Registration = "none"
+    points_reference_mm: tuple[Point, ...] = limited((), **PLACE, maxItems=MAX_PAIRS)
+    points_base_mm: tuple[Point, ...] = limited((), **PLACE, maxItems=MAX_PAIRS)
+    threshold: float | None = within(-1e9, 1e9, default=None)  # grey value, as the file has them
+
+    def __post_init__(self) -> None:
+        plain_name(self.file)

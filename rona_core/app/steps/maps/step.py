@@ -8,15 +8,22 @@ from rona_core.app.dependencies.inputs import capture_input, result_input
 from rona_core.app.dependencies.step_states import partial_reason
 from rona_core.app.runtime.handling import compute_one, compute_several, record
 from rona_core.app.steps.acoustics.derivation import KNOWN_LINE, KNOWN_SPEED
+from rona_core.app.steps.maps.comparison import compare_with_upload
 from rona_core.app.steps.maps.derivation import (
     derive_detection,
     derive_mapping,
     derive_maps,
     derive_second_detection,
 )
+from rona_core.app.steps.maps.export import EXPORTS
 from rona_core.app.steps.maps.further_passes import forget_corrections, with_pass
 from rona_core.app.steps.maps.gap_plan import derive_second, recompute_second
-from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
+from rona_core.app.steps.maps.messages import (
+    StartComparison,
+    StartGapPlan,
+    StartGapScan,
+    StartMapping,
+)
 from rona_core.app.steps.path.painting import PAINTED
 from rona_core.app.steps.scan.captures import capture_scan
 from rona_core.app.steps.scan.landmarks.gate import failed_reason, verified_first
@@ -79,6 +86,12 @@ STEP = declare.Step(
             drives_robot=True,
             records=True,
         ),
+        declare.Activity(
+            StartComparison,
+            compare_with_upload,
+            "Comparing the maps with the reference",
+            needs=(MAPS,),
+        ),
     ),
     captures=(
         declare.Capture(
@@ -100,6 +113,7 @@ STEP = declare.Step(
             stored=forget_corrections,
         ),
     ),
+    exports=EXPORTS,
     results=(
         declare.Result(
             "detection",

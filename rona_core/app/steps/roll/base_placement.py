@@ -3,36 +3,113 @@
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from rona_core.app.declarations.declarations import ActivityContext, Arguments, Input
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.messages.message import StoreResult
+from rona_core.app.messages.serialization import message_from, serialize_arguments
+from rona_core.app.runtime.handling import compute_one
 from rona_core.app.steps.roll.derivation import plan_settings
 from rona_core.app.steps.roll.messages import StartBasePlacement, StartRollSearch
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.devices.settings import RobotSettings
-from rona_core.errors import NotReachableError
+from rona_core.errors import InvalidInputError, NotReachableError
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Pose
-from rona_core.robot.base_placement.candidates import BasePlace, BasePlacement, base_pose
+from rona_core.robot.base_placement.candidates import (
+    ALL_AROUND_DEG,
+    BasePlace,
+    BasePlacement,
+    base_pose,
+)
 from rona_core.robot.base_placement.placement import place_base
 from rona_core.robot.collision.obstacles import Obstacles
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.plan import RobotPlan
 from rona_core.robot.planning.plan_scan import plan_scan
+from rona_core.robot.redundancy.constant_roll import working_set_deg
 from rona_core.session.document import Session
 
+ROLLS = "rolls"  # in the arguments of a result, beside the fields of its message
 Which = Literal["best", "smallest"]
 STILL_MM, STILL_DEG = 0.5, 0.05  # a base that moves by less stays where it is
+
+
+def last_roll_search(session: Session) -> StartRollSearch:
+    """Return the last roll search, whether its plan is stale or not; the default before one."""
+    searched = session.results.roll
+    if searched is None:
+        return StartRollSearch()
+    return roll_search(searched.arguments)
+
+
+def roll_search(arguments: Arguments) -> StartRollSearch:
+    """Return the search in the arguments of a plan, without a roll chosen after it."""
+    asked = {name: value for name, value in arguments.items() if name not in ("chosen", "branch")}
+    return message_from(StartRollSearch.__name__, asked)
+
+
+def _own_rolls(session: Session) -> StartRollSearch | None:
+    rolls = last_roll_search(session)
+    return None if rolls == StartRollSearch() else rolls
+
+
+# None of the rolls that are searched by default: older results have no such input
+OWN_ROLLS = Input(_own_rolls, "search the roll (step 7)", optional=True)
+
+
+def _screened_deg(rolls: StartRollSearch) -> tuple[float, ...]:
+    """Return rolls of the working set, evenly chosen, at most as many as are screened."""
+    working = working_set_deg(rolls.n_rolls, rolls.roll_from_deg, rolls.roll_to_deg)
+    return tuple(working[:: -(-len(working) // len(ALL_AROUND_DEG))].tolist())
+
+
+def find_placement(
+    message: StartBasePlacement, session: Session, context: ActivityContext
+) -> tuple[StoreResult, ...]:
+    """Carry out `StartBasePlacement`; rolls of one's own are stored with the result."""
+    (found,) = compute_one(message, session, context)
+    rolls = _own_rolls(session)
+    if rolls is None:
+        return (found,)
+    return (replace(found, arguments={**found.arguments, ROLLS: serialize_arguments(rolls)}),)
+
+
+def recompute_placement(
+    session: Session, arguments: Arguments, progress: Progress, cancel: Cancel
+) -> BasePlacement:
+    """Search again with the rolls of then: the plan that had them may be stale."""
+    asked = dict(arguments)
+    rolls = asked.pop(ROLLS, {})
+    if not isinstance(rolls, dict):
+        raise InvalidInputError(f"the rolls of a placement must be an object, not {rolls!r}")
+    message = message_from(StartBasePlacement.__name__, asked)
+    return _placed(session, message, roll_search(rolls), progress, cancel)
 
 
 def derive_placement(
     session: Session, message: StartBasePlacement, *, progress: Progress, cancel: Cancel
 ) -> BasePlacement:
-    """Search places of the base; what is suggested is planned and certified among everything."""
+    """Search places of the base; what is suggested is planned and certified among everything.
+
+    Rolls and mode are those of the last roll search: where it was for a constant roll, no place is
+    suggested from which only a varying one works.
+    """
+    return _placed(session, message, last_roll_search(session), progress, cancel)
+
+
+def _placed(
+    session: Session,
+    message: StartBasePlacement,
+    rolls: StartRollSearch,
+    progress: Progress,
+    cancel: Cancel,
+) -> BasePlacement:
     smooth = require_result(session.results.smoothing, "smooth the path").value
     robot = session.setup.devices.robot
     model = robot_model(robot.model)
-    settings = plan_settings(session, StartRollSearch())
+    settings = plan_settings(session, rolls)
     around = settings.obstacles
 
     def planner(path: Path5D, old_in_new: Pose) -> RobotPlan:
@@ -43,7 +120,7 @@ def derive_placement(
         smooth.path,
         model,
         robot,
-        search=message.search(),
+        search=replace(message.search(), rolls_deg=_screened_deg(rolls)),
         planner=planner,
         progress=progress,
         cancel=cancel,

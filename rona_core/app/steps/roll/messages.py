@@ -43,7 +43,8 @@ class StartBasePlacement:
     """Search places of the robot's base from which the path can be scanned, best and nearest.
 
     Places are looked at ``step_mm`` apart, up to ``half_x_mm`` and ``half_y_mm`` to either side of
-    where the base stands, at heights ``levels_mm`` from there.
+    where the base stands, at heights ``levels_mm`` from there. Rolls and mode are those of the last
+    ``StartRollSearch``.
     """
 
     half_x_mm: float = like(BaseSearch, "half_x_mm")

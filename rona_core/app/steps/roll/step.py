@@ -6,10 +6,16 @@ from rona_core.app.dependencies.inputs import require_result, result_input
 from rona_core.app.dependencies.requirements import require_inputs
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.messages.message import values_of
-from rona_core.app.messages.serialization import message_from
 from rona_core.app.runtime.handling import compute_one
 from rona_core.app.steps.roll import messages
-from rona_core.app.steps.roll.base_placement import derive_placement, require_move
+from rona_core.app.steps.roll.base_placement import (
+    OWN_ROLLS,
+    derive_placement,
+    find_placement,
+    recompute_placement,
+    require_move,
+    roll_search,
+)
 from rona_core.app.steps.roll.derivation import derive_chosen_roll, derive_roll
 from rona_core.app.steps.roll.plan_reasons import plan_reason, roll_summary
 from rona_core.app.steps.setup.inputs import BASE, DRIVEN
@@ -49,10 +55,8 @@ def recompute_roll(
     session: Session, arguments: Arguments, progress: Progress, cancel: Cancel
 ) -> RobotPlan:
     """Search again, and take again the roll that somebody chose after the search."""
-    asked = dict(arguments)
-    chosen, branch = asked.pop("chosen", None), asked.pop("branch", None)
-    message = message_from(messages.StartRollSearch.__name__, asked)
-    plan = derive_roll(session, message, progress=progress, cancel=cancel)
+    chosen, branch = arguments.get("chosen"), arguments.get("branch")
+    plan = derive_roll(session, roll_search(arguments), progress=progress, cancel=cancel)
     if not isinstance(chosen, int):
         return plan
     return derive_chosen_roll(session, plan, chosen, branch if isinstance(branch, int) else None)
@@ -72,7 +76,7 @@ STEP = declare.Step(
         ),
         declare.Activity(
             messages.StartBasePlacement,
-            compute_one,
+            find_placement,
             "Looking for places of the base",
             needs=(SMOOTHING,),
         ),
@@ -97,8 +101,9 @@ STEP = declare.Step(
             "placement",
             messages.StartBasePlacement,
             derive_placement,
-            {"smoothing": SMOOTHING, "base": BASE, **DRIVEN},
+            {"smoothing": SMOOTHING, "base": BASE, "roll search": OWN_ROLLS, **DRIVEN},
             "look for a place of the base (step 7)",
+            recompute=recompute_placement,
         ),
     ),
     line=declare.StepLine(

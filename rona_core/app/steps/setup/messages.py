@@ -6,8 +6,8 @@ from typing import Literal
 from rona_core.app.messages.message import Point, message, within
 from rona_core.app.runtime.saving.session_files import FILE_NAME, plain_name
 from rona_core.devices.limits import like, limited
+from rona_core.devices.robots import ROBOTS
 from rona_core.devices.settings import (
-    ROBOTS,
     TOOLS,
     ContactSettings,
     PointerKind,

@@ -10,12 +10,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from rona_core.devices.robots import ROBOTS
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.pose import Pose
 from rona_core.robot.collision.collision_geometry import ConvexBody, collision_bodies
 from rona_core.robot.collision.collision_world import CollisionWorld
 from rona_core.robot.collision.obstacles import NOTHING_AROUND
-from rona_core.robot.kinematics.catalog import KNOWN, robot_model
+from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.milling_tool import Spindle
 from rona_core.robot.kinematics.pinocchio_model import pinocchio_model
 from rona_core.robot.kinematics.robot_model import RobotModel
@@ -28,7 +29,7 @@ from rona_core.robot.verification.verifier import verify_motion
 
 BUILDERS = {"rx90": rx90, "ur5": partial(ur, "ur5"), "ur10": partial(ur, "ur10")}
 COUNTS_MM, COUNTS_RAD = 2e-6, 2e-6  # of poses and bodies, whose last bits depend on the processor
-every_robot = pytest.mark.parametrize("name", KNOWN)
+every_robot = pytest.mark.parametrize("name", ROBOTS)
 
 
 def milling(model):
@@ -107,9 +108,9 @@ def test_models_built_twice_have_one_digest_whatever_they_are_called(name, tmp_p
 
 
 def test_all_robots_of_the_catalogue_differ_with_either_tool():
-    models = [robot_model(name) for name in KNOWN]
+    models = [robot_model(name) for name in ROBOTS]
     digests = {robot_digest(model) for model in (*models, *map(milling, models))}
-    assert len(digests) == 2 * len(KNOWN)
+    assert len(digests) == 2 * len(ROBOTS)
 
 
 def test_a_field_that_is_added_counts_and_one_that_cannot_be_counted_is_refused():
@@ -182,7 +183,7 @@ def test_any_pair_of_bodies_that_is_looked_at_counts(monkeypatch, name):
 def test_allowed_pairs_belong_to_the_model_and_not_to_its_name(name):
     model = BUILDERS[name]()
     named = [(pair.first, pair.second) for pair in CollisionWorld(model).pairs]
-    for other in ("tx2-60l", *KNOWN):
+    for other in ("tx2-60l", *ROBOTS):
         world = CollisionWorld(replace(model, name=other))
         assert [(pair.first, pair.second) for pair in world.pairs] == named
     assert set(model.held_apart).isdisjoint(named)
@@ -192,9 +193,10 @@ def test_allowed_pairs_belong_to_the_model_and_not_to_its_name(name):
 
 
 PRINT = """
-from rona_core.robot.kinematics.catalog import KNOWN, milling_robot, robot_model
+from rona_core.devices.robots import ROBOTS
+from rona_core.robot.kinematics.catalog import milling_robot, robot_model
 from rona_core.robot.verification.robot_digest import robot_digest
-for name in KNOWN:
+for name in ROBOTS:
     print(robot_digest(robot_model(name)), robot_digest(milling_robot(name, 2.5, (0.1, 0.2, 0.3))))
 """
 
@@ -212,7 +214,7 @@ def test_a_robot_has_one_digest_on_every_processor():
         ).stdout.split()
         for processor in ("Haswell", "Nehalem")
     ]
-    assert len(found[0]) == 2 * len(KNOWN)
+    assert len(found[0]) == 2 * len(ROBOTS)
     assert all(one == other for one, other in pairwise(found))
 
 

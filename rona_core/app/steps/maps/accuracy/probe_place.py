@@ -12,6 +12,7 @@ from rona_core.app.steps.scan.probe_mounting import known_mounting
 from rona_core.app.steps.scan.probe_poses import ProbePostures, probe_postures_of
 from rona_core.app.steps.tool.derivation import ROBOT_ACCURACY_MM
 from rona_core.calibration.timing.robot_latency import BREATH_MM
+from rona_core.devices.robots import ROBOTS
 from rona_core.devices.tracker_volumes import ACCURACY_MM
 from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
@@ -27,7 +28,6 @@ from rona_core.ultrasound.probe.probe_model import ProbeModel, probe_model
 
 # As makers state it: mean distance of repeated arrivals from their middle, and three deviations of
 # it (ISO 9283); 3.62 deviations along one axis where they scatter alike in all directions.
-REPEATABILITY_MM = {"rx90": 0.02, "ur5": 0.1, "ur10": 0.1}
 REPEATABILITY_OVER_SIGMA = 3.62
 # Assumed, one standard deviation each: nobody states them.
 SEAT_MM = 0.4  # of a probe that was clamped by hand, along its axis
@@ -129,8 +129,8 @@ def _robot_place(
 
 def repeatability_mm(robot: str) -> float:
     """Return the standard deviation along one axis with which a robot comes again."""
-    stated_mm = REPEATABILITY_MM.get(robot, max(REPEATABILITY_MM.values()))
-    return stated_mm / REPEATABILITY_OVER_SIGMA
+    stated = {name: one.repeatability_mm for name, one in ROBOTS.items()}
+    return stated.get(robot, max(stated.values())) / REPEATABILITY_OVER_SIGMA
 
 
 def _head(watch: HeadWatch | None) -> ErrorTerm:
