@@ -20,13 +20,14 @@
 #   make screens       take screenshots of all pages, light and dark, in two sizes, into build/screens
 #   make gallery       draw the pictures of the examples anew
 #   make api           write the reference of the public packages to build/api
+#   make settings      write docs/settings.md from the declarations of the fields
 #   make constraints   refresh the pinned versions
 #   make clean         remove what the verbs made
 
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help run test test-all mutants gallery api check bench viewers profile results metrics honesty reliability accuracy demo demo-session pictures animation screens constraints clean venv product browser
+.PHONY: help run test test-all mutants gallery api settings check bench viewers profile results metrics honesty reliability accuracy demo demo-session pictures animation screens constraints clean venv product browser
 
 PYTHON ?= python3
 VENV := .venv
@@ -133,6 +134,9 @@ gallery: $(VENV)/.product
 
 api: $(VENV)/.product
 	$(BIN)/python -m docs.guide.api_reference build/api
+
+settings: $(VENV)/.product
+	$(BIN)/python -m docs.guide.settings_page
 
 check: $(VENV)/.dev
 	$(BIN)/ruff check .

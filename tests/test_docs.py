@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from docs.guide import settings_page
+
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 CODE = ("rona_core", "rona_ui", "benchmarks", "examples", "tests")
@@ -220,3 +222,7 @@ def test_one_version_everywhere():
     assert f"version: {version}\n" in text(ROOT / "CITATION.cff")
     changelog = text(ROOT / "CHANGELOG.md")
     assert f"## [{version}]" in changelog or "## [Unreleased]" in changelog
+
+
+def test_the_page_of_settings_is_that_of_the_declarations():
+    assert text(settings_page.PAGE) == settings_page.page(), "run `make settings`"

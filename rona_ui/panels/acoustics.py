@@ -18,6 +18,7 @@ from rona_core.app.steps.acoustics.view import (
 )
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
+from rona_ui.panels.widgets.form import Form
 from rona_ui.panels.widgets.panel_context import PanelContext
 
 
@@ -26,30 +27,24 @@ class SpeedFields:
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
         self._points = 0
-        number = gui.add_number(
-            "Number of points", 3, min=1, max=20, step=1, hint="At places chosen by the program"
-        )
+        count, point = Form(gui), Form(gui)
+        count.of(StartCaliperMeasurements, "n")
         self._measure = context.send_button(
             gui,
             "Measure with caliper",
             "ruler-measure",
-            lambda: StartCaliperMeasurements(n=int(number.value)),
+            lambda: StartCaliperMeasurements(**count.values()),
         )
         self._more = context.send_button(
             gui,
             "Measure more",
             "plus",
-            lambda: StartCaliperMeasurements(n=int(number.value), append=True),
+            lambda: StartCaliperMeasurements(**count.values(), append=True),
         )
-        scan = gui.add_number(
-            "A-scan no.", 0, min=0, max=100000, step=1, hint="A-scan at the measured place"
+        point.of(AddReferencePoint, "scan", "thickness_mm", scan=0, thickness_mm=6.0)
+        self._add = context.send_button(
+            gui, "Add point", "plus", lambda: AddReferencePoint(**point.values())
         )
-        thickness = gui.add_number("Thickness (mm)", 6.0, min=0.5, max=30.0, step=0.05)
-
-        def point() -> AddReferencePoint:
-            return AddReferencePoint(float(thickness.value), scan=int(scan.value))
-
-        self._add = context.send_button(gui, "Add point", "plus", point)
         self._remove = context.send_button(
             gui, "Remove last point", "minus", lambda: RemoveReferencePoint(self._points - 1)
         )

@@ -17,7 +17,6 @@ from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.viewer.bindings import escape
 
 EXPLANATION = "The tracked probe in the hand produces the same maps without the robot."
-SPACING = "Line spacing (mm)"
 SOURCES = {"Robot scan": False, "Handheld scan": True}
 
 
@@ -26,7 +25,6 @@ class HandheldControls:
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
         self._context = context
-        start = StartHandheldScan()
         with gui.add_folder("Handheld scan (SonoPointer)", expand_by_default=False):
             gui.add_html(style.text(EXPLANATION))
             self._calibrate = context.send_button(
@@ -34,10 +32,7 @@ class HandheldControls:
             )
             self._probe = gui.add_html("")
             form = self._form = Form(gui)
-            form.numbers(
-                ("duration_s", "Duration (s)", start.duration_s, 5.0, 600.0, 5.0),
-                ("spacing_mm", SPACING, start.spacing_mm, 0.5, 10.0, 0.5, "Between two lines"),
-            )
+            form.of(StartHandheldScan, "duration_s", "spacing_mm")
             self._scan = context.send_button(
                 gui,
                 "2. Start handheld scan",

@@ -12,7 +12,8 @@ from rona_core.app.runtime.saving.journal import read_journal, restore
 from rona_core.app.runtime.saving.recovery import LostSession, Recovery
 from rona_core.app.runtime.saving.session_files import FileState, SessionFiles, plain_name
 from rona_core.app.runtime.workbench import Services, Workbench
-from rona_core.devices.settings import hidden_characters, require
+from rona_core.devices.limits import require
+from rona_core.devices.settings import hidden_characters
 from rona_core.errors import FileChangedError, InvalidInputError, NotFoundError
 from rona_core.session.document import Session, Setup
 from rona_core.session.files import FileIdentity, load_identified, load_session

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from rona_core.devices.settings import require, require_within
+from rona_core.devices.limits import require, require_within
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.planning.bed import Screw
 from rona_core.planning.implants.solids import Solid, solid_mesh

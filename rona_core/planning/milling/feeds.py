@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rona_core.devices.settings import require
+from rona_core.devices.limits import require
 from rona_core.geometry.arrays import Floats, as_floats, readonly
 from rona_core.planning.milling.milling_path import MillingPath, Move
 

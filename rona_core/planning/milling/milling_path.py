@@ -5,7 +5,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from rona_core.devices.settings import require
+from rona_core.devices.limits import require
 from rona_core.geometry.arrays import Floats, Ints, as_points, as_unit_vectors, readonly
 from rona_core.planning.milling.burr import Burr
 

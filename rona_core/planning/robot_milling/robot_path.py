@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from rona_core.devices.settings import require
+from rona_core.devices.limits import require
 from rona_core.geometry.arrays import Floats, Ints, readonly
 from rona_core.geometry.pose import Pose
 from rona_core.planning.milling.milling_path import MillingPath, Move

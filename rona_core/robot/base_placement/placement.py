@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rona_core.devices.limits import require
 from rona_core.devices.protocols import Cancel, Progress, never, silent
-from rona_core.devices.settings import RobotSettings, require
+from rona_core.devices.settings import RobotSettings
 from rona_core.geometry.arrays import Bools, Floats, readonly
 from rona_core.geometry.path5d import Path5D, resample_path
 from rona_core.robot.base_placement.candidates import (

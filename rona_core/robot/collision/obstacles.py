@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.devices.settings import require
+from rona_core.devices.limits import require
 from rona_core.devices.workcell import Surroundings
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.arrays import Floats, as_floats, as_points, readonly

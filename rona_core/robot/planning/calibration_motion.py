@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from rona_core.devices.settings import require
+from rona_core.devices.limits import require
 from rona_core.errors import InvalidInputError, NotReachableError
 from rona_core.geometry.arrays import Floats, Ints, as_vector3, readonly
 from rona_core.geometry.pose import Pose, Poses

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rona_core.devices.limits import require
 from rona_core.devices.robots import UNIVERSAL
-from rona_core.devices.settings import require
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats
 from rona_core.robot.trajectory.trajectory import TimedMotion

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from rona_core.devices.limits import require
 from rona_core.devices.protocols import Cancel, Progress, never, silent
-from rona_core.devices.settings import require
 from rona_core.errors import InvalidInputError, NotReachableError
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.path5d import Path5D, resample_path

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rona_core.devices.limits import require
 from rona_core.devices.protocols import Cancel, Progress, never, silent
-from rona_core.devices.settings import require
 from rona_core.geometry.arrays import Floats, Ints, readonly
 from rona_core.geometry.path5d import Path5D
 from rona_core.robot.kinematics.joint_limits import TURN_RAD, shift_to_fit

@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.devices.settings import require
+from rona_core.devices.limits import require
 from rona_core.geometry.arrays import Bools, Floats, readonly
 from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Poses

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.devices.settings import require
+from rona_core.devices.limits import require
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.geometry.path5d import Path5D

@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from rona_core.devices.settings import require
+from rona_core.devices.limits import require
 
 DENSITY = 4  # poses looked at for each sample of the motion
 HALVINGS = 6  # of a step between samples at most, where parts come near each other

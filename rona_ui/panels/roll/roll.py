@@ -17,6 +17,7 @@ from rona_core.app.steps.roll.messages import (
     StartRollSearch,
 )
 from rona_core.app.steps.roll.view import joint_curves, none_works
+from rona_core.devices.limits import limits_of
 from rona_core.session.document import Session
 from rona_ui.panels.roll.certificate import refusal_in_short
 from rona_ui.panels.widgets import style
@@ -62,11 +63,7 @@ class BasePlacementControls:
         }
         self._key = gui.add_html("")
         with gui.add_folder("Search range", expand_by_default=False):
-            form.numbers(
-                ("half_x_mm", "Range x, ± (mm)", 500.0, 0.0, 2000.0, 50.0, "Along base x"),
-                ("half_y_mm", "Range y, ± (mm)", 600.0, 0.0, 2000.0, 50.0, "Along base y"),
-                ("step_mm", "Cell size (mm)", 100.0, 25.0, 500.0, 25.0),
-            )
+            form.of(StartBasePlacement, "half_x_mm", "half_y_mm", "step_mm")
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the search, and rest while something runs."""
@@ -110,7 +107,7 @@ def _rolls_note(rolls: StartRollSearch) -> str:
     """Return which rolls a place must work with, where they are not the default ones."""
     if rolls == StartRollSearch():
         return ""
-    mode = next(title for title, mode in MODES.items() if mode == rolls.mode)
+    mode = limits_of(StartRollSearch)["mode"]["labels"][rolls.mode]
     return style.text(
         f"Rolls of the last search: {mode.lower()}, {rolls.n_rolls} from "
         f"{rolls.roll_from_deg:g}° to {rolls.roll_to_deg:g}°."
@@ -154,10 +151,6 @@ def place_words(place: BasePlace) -> str:
     )
 
 
-CHOICES = {"Largest margin": "best", "First feasible (paper)": "first"}
-MODES = {"Constant, else varying": "auto", "Constant": "constant", "Varying": "variable"}
-
-
 class RollPanel(StepPanel):
     """Range and number of rolls; the map of them stands on the right."""
 
@@ -175,13 +168,7 @@ class RollPanel(StepPanel):
 
     def build(self) -> None:
         """Add the range."""
-        self.form.numbers(
-            ("n_rolls", "Roll angles", 72, 1, 720, 1),
-            ("roll_from_deg", "From (deg)", 0.0, -360.0, 360.0, 5.0),
-            ("roll_to_deg", "To (deg)", 360.0, -355.0, 720.0, 5.0),
-        )
-        self.form.choice("choice", "Select by", CHOICES, "best")
-        self.form.choice("mode", "Roll mode", MODES, "auto")
+        self.form.of(StartRollSearch)
         seen = self._obstacles = self.gui.add_checkbox(
             "Show obstacles", False, hint="Draws the obstacles of robot and tool"
         )

@@ -1,5 +1,6 @@
 """Probe in step 1: choice, expected performance, parameters, delay line, comparison of probes."""
 
+from dataclasses import asdict
 from typing import Any
 
 from rona_core.app.steps.acoustics.messages import (
@@ -18,64 +19,42 @@ from rona_core.app.steps.acoustics.view import (
 )
 from rona_core.app.steps.boundaries.probe_advice import probe_advice
 from rona_core.app.steps.setup.messages import SetProbe
-from rona_core.devices.limits import range_of
 from rona_core.devices.probes import BY_FREQUENCY, PROBE_DATA
 from rona_core.devices.settings import Excitation, ProbeSettings
 from rona_core.session.document import Session
 from rona_core.session.specimen import BoneKind
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.form import Form
+from rona_ui.panels.widgets.form import SettingsForm
 from rona_ui.panels.widgets.panel_context import PanelContext, on_click
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.fields import read_number
 
 CHOICE = ("name", "excitation", "front_snr_db", "pitch_mm")
-NAMES = (*CHOICE, *EDITABLE, "line_temperature_c")
-SHAPES = {
-    "Resonant": "resonant",
-    "Damped": "damped",
-    "Two lobes": "double",
-    "Ringing": "ringing",
-}
-DETAILS: tuple[tuple[Any, ...], ...] = (  # name, label, step, hint
-    ("centre_mhz", "Centre frequency (MHz)", 0.05),
-    ("bandwidth", "Relative bandwidth", 0.02, "-6 dB bandwidth divided by the centre frequency"),
-    ("aperture_mm", "Element diameter (mm)", 0.1, "Of the transducer element"),
-    ("line_length_mm", "Delay line length (mm)", 0.5, "Length of the elastomer"),
-)
-WARM = "The line slows sound when warm"
 SHOWN_MM = (4.0, 6.0, 8.0, 10.0)  # thicknesses of the small table
 
 
 class ProbeFields:
     """Fields of one ``SetProbe`` command, and the expected performance."""
 
-    def __init__(self, form: Form, gui: Any, context: PanelContext) -> None:
-        self._form, self._gui, self._context = form, gui, context
-        self._settings = ProbeSettings()
-
-    def build(self) -> None:
+    def __init__(self, gui: Any, context: PanelContext) -> None:
         """Add probe and excitation, and what each combination promises."""
-        form = self._form
-        probes = {one.title: name for name, one in PROBE_DATA.items()}
-        form.choice("name", "Probe", probes, self._settings.name)
-        form.choice("excitation", "Excitation", {"Chirp": "chirp", "Pulse": "pulse"}, "chirp")
-        form.number("front_snr_db", "SNR (dB)", 50.0, 0.0, 90.0, 1.0)
-        form.number("pitch_mm", "Pitch (mm)", 1.0, 0.2, 10.0, 0.1, "Between A-scans")
+        self._gui, self._context = gui, context
+        self._form = SettingsForm(
+            gui,
+            context,
+            SetProbe,
+            lambda session: session.setup.devices.probe,
+            *CHOICE,
+            make=_message,
+            show=lambda held: {**asdict(held), **probe_values(held)},
+        )
         self._advice = self._gui.add_html("")
         self._table = self._gui.add_html("")
 
     def build_details(self) -> None:
         """Add what a probe is made of, for whoever has another one."""
         form = self._form
-        first = probe_values(ProbeSettings())
-        for name, label, step, *hint in DETAILS:
-            form.number(
-                name, label, float(first[name]), *range_of(ProbeSettings, name), step, *hint
-            )
-        form.choice("pulse_shape", "Pulse", SHAPES, "resonant", "As measured on a block")
-        limits = range_of(ProbeSettings, "line_temperature_c")
-        form.number("line_temperature_c", "Line temperature (°C)", 22.0, *limits, 1.0, WARM)
+        form.add(*EDITABLE, "line_temperature_c")
         self._restore = self._context.send_button(
             self._gui, "Restore probe defaults", "restore", lambda: SetProbe(**form.values(*CHOICE))
         )
@@ -96,27 +75,12 @@ class ProbeFields:
         )
         self._line = self._gui.add_html("")
 
-    def message(self) -> SetProbe:
-        """Return the command that the fields make; another name brings its own details."""
-        values = self._form.values(*NAMES)
-        kept: dict[str, Any] = {
-            "adc_bits": self._settings.adc_bits,
-            "gain_db": self._settings.gain_db,
-        }
-        if values["name"] != self._settings.name:
-            defaults = dict.fromkeys(EDITABLE)
-            return SetProbe(**{**values, **defaults}, **kept)
-        return SetProbe(**{**kept, **edited_probe(self._settings, values)})
-
-    def field_values(self, settings: ProbeSettings) -> dict[str, Any]:
-        """Return what the fields are to show of a session's settings."""
-        self._settings = settings
-        shown = {name: getattr(settings, name) for name in (*CHOICE, "line_temperature_c")}
-        return {**shown, **probe_values(settings)}
-
-    def show(self, session: Session, busy: bool) -> None:
-        """Write table and state of the line."""
-        settings = session.setup.devices.probe
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
+        """Follow the session: rows, table and state of the line."""
+        self._form.render(old, new)
+        if not changed(old, new, "session.setup", "session.results", "busy"):
+            return
+        session, settings = new.session, new.session.setup.devices.probe
         self._table.content = performance_table(probe_performances(settings), settings)
         self._advice.content = advice_note(session)
         state = line_state(session)
@@ -127,7 +91,15 @@ class ProbeFields:
         )
         self._reset_line.visible = state is not None
         for button in (self._record, self._reset_line, self._restore):
-            button.disabled = busy
+            button.disabled = new.busy
+
+
+def _message(held: ProbeSettings, values: dict[str, Any]) -> SetProbe:
+    """Return the command of the rows; another name brings its own details."""
+    if values["name"] != held.name:
+        values |= {**dict.fromkeys(EDITABLE), "adc_bits": held.adc_bits, "gain_db": held.gain_db}
+        return SetProbe(**values)
+    return SetProbe(**edited_probe(held, values))
 
 
 def advice_note(session: Session, *, unless_suits: bool = False) -> str:

@@ -10,12 +10,11 @@ from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.messages.serialization import message_from
 from rona_core.app.steps.implant.derivation import (
-    BURRS_MM,
     derive_search,
     execution_error,
     milling_settings,
 )
-from rona_core.app.steps.implant.messages import PlaceBed, StartBedSearch
+from rona_core.app.steps.implant.messages import BURRS_MM, PlaceBed, StartBedSearch
 from rona_core.app.steps.implant.view import floor_base, milling_view, percent, verdict
 from rona_core.app.steps.maps.accuracy.probe_place import repeatability_mm
 from rona_core.app.steps.setup.messages import SetProbe

@@ -92,13 +92,11 @@ def test_points_can_be_measured_and_added_once_there_is_a_map_only():
     assert recorder.sent == [StartCaliperMeasurements(n=5), AddReferencePoint(thickness, scan=12)]
 
 
-def test_a_speed_is_given_only_where_somebody_chose_so():
+def test_a_speed_of_zero_is_none_given():
     gui = FakeGui()
     panel = MapsPanel(gui, Recorder().context)
-    given = gui.find("number", "Sound speed (mm/µs)")
-    given.value = 2.5
     assert panel.message() == StartMapping()
-    gui.find("dropdown", "Speed of sound").value = "Entered below"
+    gui.find("number", "Sound speed (mm/µs)").value = 2.5
     assert panel.message() == StartMapping(sound_speed_mm_per_us=2.5)
 
 

@@ -6,7 +6,7 @@ from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.runtime.free_memory import release_memory
 from rona_core.app.steps.implant.burr.derivation import known_burr
 from rona_core.app.steps.implant.implant_bed import LACKS, ImplantBed, PlacedBed, TriedLift
-from rona_core.app.steps.implant.messages import Corners, PlaceBed, StartBedSearch
+from rona_core.app.steps.implant.messages import BURRS_MM, Corners, PlaceBed, StartBedSearch
 from rona_core.app.steps.maps.accuracy.map_draws import draw_maps
 from rona_core.app.steps.maps.accuracy.probe_place import SEAT_MM, repeatability_mm
 from rona_core.devices.protocols import Cancel, Progress
@@ -29,7 +29,6 @@ from rona_core.session.document import Session
 from rona_core.session.memo import Memo
 
 DRAWS = 200  # of the maps
-BURRS_MM = (5.0, 4.0, 3.0, 2.0)  # balls, the largest that goes into the bed is taken
 LIFT_STEP_MM = 1.0
 SHARE_OF_DRAWS = 0.3  # of the time of a search
 
