@@ -33,7 +33,7 @@ from rona_core.app.steps.setup.messages import (
     StoreSkull,
 )
 from rona_core.devices.protocols import Cancel, Progress, Rig, Work, never
-from rona_core.devices.settings import ProbeName, ProbeSettings
+from rona_core.devices.settings import ProbeSettings
 from rona_core.devices.world_settings import REALISTIC_WORLD, WorldSettings
 from rona_core.errors import DeviceError, RonaError
 from rona_core.evaluation.maps.map_errors import errors_of_maps
@@ -235,7 +235,7 @@ def run_demo(
     skull: DemoSkull = SIMULATED,
     *,
     robot: str = "rx90",
-    probe: ProbeName = "2.25MHz",
+    probe: str = "2.25MHz",
     world: WorldSettings = REALISTIC_WORLD,
     among: Stages = TO_MAPS,
     progress: StepProgress = unwatched,

@@ -145,6 +145,18 @@ def test_circles_and_wide_functions_are_found(tmp_path):
     assert structure.wide_functions(tmp_path, "pkg") == ["pkg/c.py:2 f: 8"]
 
 
+def test_a_walk_enters_the_files_that_a_parameter_is_passed_to(tmp_path):
+    for name, text in {
+        "a": "from b import f\ndef start(s, n): f(n, held=s); other(s)\ndef other(s): f(1, s)\n",
+        "b": "from c import D\ndef f(n, held): return D(held), g(n)\ndef g(n): ...\n",
+        "c": "class D:\n  def __init__(self, held): ...\n",
+    }.items():
+        (tmp_path / f"{name}.py").write_text(text)
+    walk = structure.Walk(tmp_path, "a", "start")
+    assert walk.entered == ["a", "b", "c"]
+    assert walk.returns == 4, "c to b, b to a, b once more, and back"
+
+
 def test_test_files_have_names_of_their_own():
     names = [p.name for p in modules("tests") if p.name.startswith("test_")]
     assert sorted(names) == sorted(set(names))

@@ -17,7 +17,7 @@ from rich.text import Text
 from rona_core.app.overview.acceptance import quality_rows
 from rona_core.app.procedure import OFFERED, PROCEDURE, stages
 from rona_core.compose import DemoSkull, run_demo
-from rona_core.devices.settings import ProbeName
+from rona_core.devices.probes import PROBE_DATA
 from rona_core.devices.world_settings import WorldProfile, WorldSettings
 from rona_core.errors import InvalidInputError
 from rona_core.session.document import Session
@@ -68,8 +68,8 @@ def _check(wanted: Any) -> None:
     if wanted.world not in get_args(WorldProfile):
         known = ", ".join(get_args(WorldProfile))
         raise InvalidInputError(f"--world must be one of {known}, not {wanted.world}")
-    if wanted.probe not in get_args(ProbeName):
-        known = ", ".join(get_args(ProbeName))
+    if wanted.probe not in PROBE_DATA:
+        known = ", ".join(PROBE_DATA)
         raise InvalidInputError(f"--probe must be one of {known}, not {wanted.probe}")
     for name in wanted.skip:
         if name not in OFFERED:

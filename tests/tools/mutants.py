@@ -48,7 +48,7 @@ TARGETS = {
             "tests/core/session/test_room_of_files.py",
             "tests/core/session/test_codec.py",
             "tests/core/session/test_array_packing.py",
-            "tests/contract/test_session_versions.py",
+            "tests/app/dependencies/test_capture_digests.py",
         ),
     ),
     "pivot": (

@@ -128,7 +128,6 @@ class Input:
     wanted: str | None  # what to do to get it; None: as the result or capture declares
     upstream: str | None = None  # the result or capture ("capture scan") that may itself be stale
     optional: bool = False  # the result can do without it
-    earlier: Callable[[Session], object] | None = None  # how older files read it
     takes_bad: bool = False  # a bad one will do, as long as ``read`` finds a value
 
 
@@ -194,7 +193,6 @@ class Capture:
     name: str
     wanted: str  # what to do to get it
     setup: tuple[Callable[[Session], list[object]], ...]  # digested in this order
-    earlier_setup: tuple[Callable[[Session], list[object]], ...] | None = None  # of older files
     after: Input | None = None  # what it rests on
     # (session, recorded, append) -> what the session holds under the name; None: the recorded one
     place: Callable[[Session, Any, bool], object] | None = None

@@ -104,8 +104,4 @@ def head_input(*captures: str) -> Input:
         tracks = [track for capture in watched for track in (capture.head, capture.base)]
         return (*registered, *first, *tracks)
 
-    def worked_out(session: Session) -> object:
-        found = (watch_head(session, capture) for capture in _held(session, captures))
-        return tuple(watch for watch in found if watch is not None)
-
-    return Input(recorded, "watch the head marker", optional=True, earlier=worked_out)
+    return Input(recorded, "watch the head marker", optional=True)

@@ -1,6 +1,5 @@
 """Staleness: whether the inputs of a result, or the set-up of a capture, have changed since."""
 
-from collections.abc import Callable
 from typing import Any
 
 from rona_core.app.declarations.declarations import Input
@@ -15,28 +14,13 @@ from rona_core.session.codec import digest
 from rona_core.session.document import Derived, Session
 from rona_core.session.memo import Memo
 
-Part = Callable[[Session], list[object]]
-
 
 def capture_setup_digest(kind: str, session: Session) -> str:
     """Return a digest of the part of the set-up that a capture of this kind depends on."""
-    return _digest(REGISTRY.captures[kind].setup, session)
-
-
-def known_setup_digests(kind: str, session: Session) -> tuple[str, ...]:
-    """Return the digests under which a capture of this kind counts as taken with this set-up.
-
-    Beside the present one it is that of older files, which depended on more.
-    """
-    declared = REGISTRY.captures[kind]
-    rules = (declared.setup, declared.earlier_setup)
-    return tuple(_digest(parts, session) for parts in rules if parts is not None)
-
-
-def _digest(parts: tuple[Part, ...], session: Session) -> str:
     seen: list[object] = [session.setup.seed]
-    if session.setup.world.profile != NOMINAL_WORLD.profile:  # older captures know no other
+    if session.setup.world.profile != NOMINAL_WORLD.profile:
         seen.append(session.setup.world.profile)
+    parts = REGISTRY.captures[kind].setup
     return digest(seen + [value for part in parts for value in part(session)])
 
 
@@ -99,16 +83,9 @@ def _stale_reason(name: str, session: Session) -> str | None:
                 continue
             return f"the {name} result was computed without {key}: compute it again"
         lost = nothing and not item.optional
-        if lost or not _is_as_held(item, value, derived.inputs.get(key), session):
+        if lost or derived.inputs[key] != digest_of(value):
             return f"{key} has changed since the {name} result was computed"
     return None
-
-
-def _is_as_held(item: Input, value: object, held: str | None, session: Session) -> bool:
-    """Return whether an input still has the digest that a result remembers of it."""
-    if held == digest_of(value):
-        return True
-    return item.earlier is not None and held == digest_of(item.earlier(session))
 
 
 def stale_root(inputs: tuple[Input, ...], session: Session) -> Input | None:
@@ -163,8 +140,8 @@ def place_of(name: str) -> int:
 def _stale_capture(kind: str, session: Session) -> str | None:
     held = session.captures.get(kind)
     captures = held if isinstance(held, tuple) else (held,)
-    known = known_setup_digests(kind, session)
-    if any(_is_of_another(capture, known, session) for capture in captures):
+    present = capture_setup_digest(kind, session)
+    if any(_is_of_another(capture, present, session) for capture in captures):
         return f"the set-up or plan has changed since the {kind} capture was taken"
     after = REGISTRY.captures[kind].after
     if after is not None and after.upstream is not None and held is not None:
@@ -172,7 +149,7 @@ def _stale_capture(kind: str, session: Session) -> str | None:
     return None
 
 
-def _is_of_another(capture: Capture | None, known: tuple[str, ...], session: Session) -> bool:
+def _is_of_another(capture: Capture | None, present: str, session: Session) -> bool:
     if isinstance(capture, PointerCapture) and is_imported(capture):
         return capture.pointer != session.setup.devices.pointer  # all that it depends on
-    return capture is not None and capture.setup_digest not in known
+    return capture is not None and capture.setup_digest != present

@@ -23,11 +23,6 @@ class Dimension:
     value_mm: float
     source: str = ""  # empty: assumed
 
-    @property
-    def marking(self) -> str:
-        """Return ``sourced`` or ``assumed``."""
-        return "sourced" if self.source else "assumed"
-
 
 @dataclass(frozen=True, slots=True)
 class Implant:

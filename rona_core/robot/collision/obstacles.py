@@ -101,13 +101,6 @@ class Obstacles:
 
         They count to the nanometre: the last bits depend on the processor that computed them.
         """
-        return self._hashed(DIGEST_DECIMALS)
-
-    def has_digest(self, digest: str | None) -> bool:
-        """Return whether a digest is of these things; that of older files took every bit."""
-        return digest in (self.digest(), self._hashed(None))
-
-    def _hashed(self, decimals: int | None) -> str:
         hasher = hashlib.sha256()
         for thing in self.things:
             pose = thing.pose
@@ -116,8 +109,7 @@ class Obstacles:
             hasher.update(f"{thing.name}\n{type(thing.shape).__name__}\n".encode())
             for values in numbers:
                 exact = np.ascontiguousarray(values, dtype="<f8")
-                if decimals is not None:
-                    exact = np.round(exact, decimals) + 0.0  # no negative zero
+                exact = np.round(exact, DIGEST_DECIMALS) + 0.0  # no negative zero
                 hasher.update(f"{exact.shape}".encode() + exact.tobytes())
         hasher.update(np.float64(self.self_margin_mm).tobytes())
         return hasher.hexdigest()

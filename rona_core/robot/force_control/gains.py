@@ -18,10 +18,10 @@ ALLOWED_RMS_N = 0.7  # of the force over such a surface; a stiffer contact is sc
 LEAST_SHARE = 0.02  # of the scan speed
 
 
-def dead_time_s(settings: ContactSettings, cutoff_hz: float = JR3.cutoff_hz) -> float:
+def dead_time_s(settings: ContactSettings) -> float:
     """Return the dead time of the loop: transport, half a period, the robot and the filter."""
     own_ms = settings.delay_ms + settings.period_ms / 2.0 + settings.lag_ms
-    return own_ms / 1000.0 + 1.0 / (2.0 * math.pi * cutoff_hz)
+    return own_ms / 1000.0 + 1.0 / (2.0 * math.pi * JR3.cutoff_hz)
 
 
 @dataclass(frozen=True, slots=True)

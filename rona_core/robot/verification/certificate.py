@@ -1,6 +1,6 @@
 """What the verifier says of one motion: its checks, and the digest that ties it to that motion."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from rona_core.robot.collision.obstacles import Obstacles
 from rona_core.robot.kinematics.robot_model import RobotModel
@@ -36,25 +36,18 @@ class Certificate:
     certified: bool
     checks: tuple[Check, ...]
     digest: str  # of robot, motion, what stood around and what was insisted on
+    robot: str  # digest of the robot
+    tolerances: str  # digest of what the verifier insisted on
     obstacles: str = ""  # digest of what stood around; "" where that was not looked at
     min_clearance_mm: float | None = None  # least distance of any parts that must not touch
-    # digests of the robot, and of what the verifier insisted on; "" in files of earlier versions
-    robot: str = field(default="", metadata={"omit_empty": True})
-    tolerances: str = field(default="", metadata={"omit_empty": True})
-
-    @property
-    def complete(self) -> bool:
-        """Whether all that it rests on is in it; one of an earlier version certifies nothing."""
-        return bool(self.robot and self.tolerances)
 
     def belongs_to(self, motion: TimedMotion) -> bool:
         """Return whether this is the motion that was looked at, and everything held.
 
         That is not enough to drive it: see ``certifies``.
         """
-        robot = self.robot or self.model
         digest = motion_digest(
-            robot, motion.times_s, motion.qs_rad, self.obstacles, self.tolerances
+            self.robot, motion.times_s, motion.qs_rad, self.obstacles, self.tolerances
         )
         return self.certified and self.digest == digest
 
@@ -88,7 +81,7 @@ class Certificate:
         superseded = self.superseded(model, insisted)
         if superseded is not None:
             return superseded
-        if not obstacles.has_digest(self.obstacles):
+        if self.obstacles != obstacles.digest():
             return "the plan was verified among other obstacles: plan again"
         if not self.belongs_to(motion):
             return "the plan was verified for another motion: plan again"
@@ -98,11 +91,6 @@ class Certificate:
         self, model: RobotModel, insisted: Tolerances | CuttingTolerances = OF_EVERY_MOTION
     ) -> str | None:
         """Return what to do where a motion was verified for another robot or other tolerances."""
-        if not self.complete:
-            return (
-                "the plan was verified by a version that kept neither robot nor tolerances with "
-                "it: plan again"
-            )
         if self.robot != robot_digest(model):
             return (
                 f"the plan was verified for another robot than this {model.name} (its lengths, "

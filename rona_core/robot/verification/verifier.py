@@ -133,10 +133,10 @@ def certify(
         certified=all(check.holds for check in checks),
         checks=tuple(checks),
         digest=motion_digest(robot, motion.times_s, motion.qs_rad, around, insisted),
-        obstacles=around,
-        min_clearance_mm=least_mm,
         robot=robot,
         tolerances=insisted,
+        obstacles=around,
+        min_clearance_mm=least_mm,
     )
 
 

@@ -15,7 +15,7 @@ from rona_core.devices.world_settings import WorldSettings
 from rona_core.errors import DegenerateGeometryError
 from rona_core.session.document import Session, Setup
 from rona_core.session.files import load_session, save_session
-from rona_core.session.migrate import SCHEMA
+from rona_core.session.members import SCHEMA
 from rona_ui.cli import demo, main
 
 ROOT = Path(__file__).resolve().parents[3]

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-FILE = Path(__file__).parents[2] / "contract" / "sessions" / "schema_1.rona"
+FILE = Path(__file__).parents[2] / "sessions" / "path.rona"
 FIRST = (
     ("RegisterTool", {"method": "paper"}),
     ("CalibratePointer", {"method": "sphere"}),

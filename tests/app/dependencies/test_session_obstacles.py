@@ -26,7 +26,6 @@ from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.milling_tool import Spindle
 from rona_core.robot.planning.calibration_motion import ToolMotionSettings, plan_tool_motion
 from rona_core.robot.planning.plan_scan import PlanSettings, plan_scan
-from rona_core.robot.trajectory.trajectory import motion_digest
 from rona_core.robot.verification.tolerances import Tolerances
 from rona_core.robot.verification.verifier import verify_scan
 from rona_core.session.codec import digest
@@ -147,17 +146,6 @@ def in_session(setup, plan):
     return replace(session, results=replace(session.results, roll=derived(plan)))
 
 
-def earlier(plan, robot=""):
-    """The plan as files of earlier versions hold it: its certificate has no tolerances.
-
-    Those before had the name of the robot in the place of its digest.
-    """
-    motion, held = plan.trajectory, plan.certificate
-    named = motion_digest(robot or held.model, motion.times_s, motion.qs_rad, held.obstacles)
-    certificate = replace(held, robot=robot, tolerances="", digest=named)
-    return replace(plan, certificate=certificate)
-
-
 def test_a_scan_that_was_verified_with_other_tolerances_is_not_executed(plan):
     free, made = plan
     loose = Tolerances(position_mm=0.5)
@@ -196,30 +184,6 @@ def test_a_scan_is_executed_only_by_the_robot_it_was_certified_for(plan, what, m
     view = certificate_view(session)
     assert not view.certified
     assert "another motion, robot or tolerances. Plan again" in verdict(view, stale=False)
-
-
-@pytest.mark.parametrize("with_robot", [False, True])
-def test_a_plan_of_an_earlier_version_is_verified_again_before_it_is_driven(
-    plan, with_robot, monkeypatch
-):
-    """It opens and is shown as before; whether the robot may drive it is found out anew."""
-    free, made = plan
-    made = earlier(made, made.certificate.robot if with_robot else "")
-    session = in_session(free, made)
-    assert session.results.roll.value.may_move
-    assert plan_reason(session) is None
-    with pytest.raises(AttributeError):  # it is let through, to devices that are not there
-        capture_scan(session, None)
-    monkeypatch.setattr(captures, "robot_model", lambda _: OTHER_ROBOTS["longer"])
-    with pytest.raises(NotReachableError, match="distance from the path fails"):
-        capture_scan(session, None)
-    monkeypatch.setattr(captures, "robot_model", lambda _: OTHER_ROBOTS["slower"])
-    with pytest.raises(NotReachableError, match="joint speed fails"):
-        capture_scan(session, None)
-    lower = replace(free, surroundings=replace(free.surroundings, floor_mm=400.0))
-    monkeypatch.undo()
-    with pytest.raises(NotReachableError, match="clearance from the floor fails"):
-        capture_scan(in_session(lower, made), None)
 
 
 def test_every_other_motion_is_held_against_the_robot_that_is_to_drive_it():

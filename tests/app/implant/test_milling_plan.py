@@ -37,7 +37,6 @@ from rona_core.errors import InvalidInputError, StaleResultError, StepBlockedErr
 from rona_core.planning.milling.milling_path import Move
 from rona_core.planning.milling.removal import RIDGE_MM
 from rona_core.planning.robot_milling.robot_path import milling_obstacles
-from rona_core.robot.trajectory.trajectory import motion_digest
 from rona_core.robot.verification.tolerances import CuttingTolerances
 from rona_core.session.files import session_bytes, session_from_bytes
 from tests.helpers.ui.beds import bed_only, laid_astray
@@ -183,20 +182,6 @@ def test_the_motion_is_given_away_for_the_robot_it_was_certified_for_alone(mille
     assert set(offered(other)).isdisjoint(MOTIONS)
     with pytest.raises(StaleResultError, match="another robot"):
         REGISTRY.export(other, "milling_joints.csv")
-
-
-def test_a_motion_of_an_earlier_version_is_verified_again_first(milled, monkeypatch):
-    plan = milling_plan_of(milled)
-    motion, held = plan.trajectory, plan.certificate
-    named = motion_digest(held.model, motion.times_s, motion.qs_rad, held.obstacles)
-    old = replace(plan, certificate=replace(held, robot="", tolerances="", digest=named))
-    assert milling_motion_module.milling_stale(with_plan(milled, old)) is None
-    assert require_certified(with_plan(milled, old))[1] is motion
-    known = milling_model(milled, milling_view(milled))
-    longer = replace(known, arm=replace(known.arm, forearm_mm=500.0))
-    monkeypatch.setattr(milling_motion_module, "milling_model", lambda *_: longer)
-    with pytest.raises(StepBlockedError, match="distance of the tip from the path fails"):
-        require_certified(with_plan(milled, old))
 
 
 def test_nothing_is_planned_for_a_bed_that_is_not_safe(demo):

@@ -50,7 +50,7 @@ from rona_core.session.codec import digest
 from rona_core.session.files import load_session, session_bytes, session_from_bytes
 from tests.app.maps.further import half_of, mapped_again
 
-SMALL = Path(__file__).parents[2] / "contract" / "sessions" / "schema_5.rona"
+SMALL = Path(__file__).parents[2] / "sessions" / "whole.rona"
 
 
 @pytest.fixture(scope="module")

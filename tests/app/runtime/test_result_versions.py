@@ -36,8 +36,8 @@ def derived(session):
     return {name: made for name, made in {**named, **held.more}.items() if made is not None}
 
 
-def as_written_by(session, version, *, each):
-    """The session as read from a file of another version; ``each``: its results say so too."""
+def as_written_by(session, version):
+    """The session as read from a file of another version."""
     file = BytesIO()
     with (
         zipfile.ZipFile(BytesIO(session_bytes(session))) as given,
@@ -51,8 +51,6 @@ def as_written_by(session, version, *, each):
                 for result in manifest["session"]["results"].values():
                     if isinstance(result, dict) and "version" in result:
                         result["version"] = version
-                        if not each:
-                            del result["version"]
                 data = json.dumps(manifest).encode()
             made.writestr(name, data)
     return session_from_bytes(file.getvalue())
@@ -72,9 +70,8 @@ def test_what_is_computed_carries_the_version_of_this_program(bench):
     assert digest(again) == digest(bench.session)
 
 
-@pytest.mark.parametrize("each", [True, False])
-def test_a_file_keeps_the_version_of_each_result_or_else_its_own(bench, each):
-    session = as_written_by(bench.session, OTHER, each=each)
+def test_a_file_keeps_the_version_of_each_result(bench):
+    session = as_written_by(bench.session, OTHER)
     assert {held.version for held in derived(session).values()} == {OTHER}
     saved = session_from_bytes(session_bytes(session))  # by this program
     assert {held.version for held in derived(saved).values()} == {OTHER}
@@ -87,7 +84,7 @@ def test_the_results_of_the_demo_session_have_a_version():
 
 
 def test_a_result_computed_again_has_the_version_of_now_and_the_others_keep_theirs(bench):
-    other = new_workbench(as_written_by(bench.session, OTHER, each=True))
+    other = new_workbench(as_written_by(bench.session, OTHER))
     other.dispatch(CalibratePointer())
     versions = {name: held.version for name, held in derived(other.session).items()}
     other.close()
@@ -102,7 +99,7 @@ def test_a_replay_says_which_results_differ_and_whether_another_version_made_the
     session = bench.session
     for name in differing:
         session = changed(session, name)
-    session = as_written_by(session, version, each=True)
+    session = as_written_by(session, version)
     report = replay_report(session, progress=silent, cancel=never)
     assert report.results == replay(session)
     assert (report.same, report.version) == (not differing, __version__)

@@ -31,12 +31,11 @@ from rona_core.mapping.build_maps import boundary_points
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
-from rona_core.session.files import load_session, session_bytes, session_from_bytes
+from rona_core.session.files import session_bytes, session_from_bytes
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import speed_at
 from rona_core.ultrasound.detection.detect import doubted, has_inner_echoes
 
 TESTS = Path(__file__).resolve().parents[2]
-OLD = TESTS / "contract" / "sessions" / "schema_1.rona"
 
 
 def sure(session: Session) -> int:
@@ -164,10 +163,6 @@ def test_what_cannot_be_corrected_is_refused(demo):
 def test_a_correction_says_one_thing(fields):
     with pytest.raises(InvalidInputError):
         CorrectBoundary(0, **fields)
-
-
-def test_an_old_session_has_no_corrections():
-    assert len(load_session(OLD).boundary_edits) == 0
 
 
 @pytest.mark.parametrize("scan", ["first", "second"])

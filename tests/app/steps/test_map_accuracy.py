@@ -26,9 +26,8 @@ from rona_core.app.steps.maps.accuracy.probe_place import (
     robot_place,
 )
 from rona_core.app.steps.maps.view import layers_of
-from rona_core.session.codec import decode, digest, encode
+from rona_core.session.codec import digest
 from rona_core.session.document import Derived, Session, SonoMaps
-from rona_core.session.migrate import SCHEMA, migrate
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
     calibrate_speed,
     uncalibrated,
@@ -154,24 +153,6 @@ def test_a_place_is_less_sure_the_farther_the_nearest_sample_is(demo, accuracy):
     own = np.sqrt(np.maximum(accuracy.thickness.own_mm**2 - by_speed**2, 0.0))
     near, far = (away < 0.5) & maps.inner.ok, (away > 2.0) & maps.inner.ok
     assert np.median(own[far]) > 1.1 * np.median(own[near])
-
-
-def test_the_stated_sigma_of_an_older_file_is_not_taken(demo):
-    """Files of this schema once held the scatter about the plate as ``sigma_mm`` of each map."""
-    arrays = {}
-    plain = encode(demo, "session", arrays)
-    maps = plain["results"]["maps"]["value"]
-    for name in ("outer", "inner", "fused"):
-        assert "sigma_mm" not in maps[name]
-        maps[name]["sigma_mm"] = {"values": [0.0002], "shape": [1], "dtype": "<f8"}
-    manifest = {"schema": SCHEMA, "session": plain}
-    old = decode(migrate(manifest)["session"], Session, arrays)
-    assert not hasattr(old.results.maps.value.outer, "sigma_mm")
-    found, here = map_accuracy(old), map_accuracy(demo)
-    for name in ("outer", "inner", "fused", "thickness"):
-        mine, same = getattr(found, name), getattr(here, name)
-        np.testing.assert_array_equal(mine.total_mm(), same.total_mm())
-    assert maps["outer"]["sigma_mm"]["values"] == [0.0002]  # what it is given stays as it is
 
 
 def test_reference_points_make_it_surer_once_the_maps_were_made_with_them(demo, accuracy):

@@ -160,7 +160,7 @@ def test_a_newer_schema_is_refused_and_says_so():
         session_from_bytes(data)
 
 
-@pytest.mark.parametrize("schema", [None, 0, -1, "1", 1.5, True])
+@pytest.mark.parametrize("schema", [None, 0, -1, "1", 1.5, True, members.SCHEMA - 1])
 def test_a_strange_schema_is_refused(schema):
     data = with_manifest(session_bytes(session()), lambda m: m.update(schema=schema))
     with pytest.raises(SessionFormatError, match="schema"):

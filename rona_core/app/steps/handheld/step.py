@@ -151,14 +151,6 @@ STEP = declare.Step(
             "sono_scan",
             "scan by hand (step 9)",
             (parts.tracker, parts.robot, parts.specimen, parts.bone_and_hand_probe, parts.HEAD),
-            # older files: it depended on the pitch of the probe, too
-            earlier_setup=(
-                parts.tracker,
-                parts.robot,
-                parts.specimen,
-                parts.bone_and_probe,
-                parts.HEAD,
-            ),
             stored=_forget_corrections,
         ),
     ),

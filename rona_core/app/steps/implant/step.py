@@ -1,7 +1,5 @@
 """Step 10: the bed of an implant, searched or laid by hand, and how the robot mills it."""
 
-from typing import cast
-
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import (
     USABLE,
@@ -23,7 +21,6 @@ from rona_core.app.steps.implant.derivation import derive_placed, derive_search
 from rona_core.app.steps.implant.export import EXPORTS
 from rona_core.app.steps.implant.implant_bed import ImplantBed
 from rona_core.app.steps.implant.messages import (
-    ImplantName,
     PlaceBed,
     PlanMilling,
     RehearseMilling,
@@ -87,7 +84,7 @@ def judge_bed(bed: ImplantBed, session: Session) -> Judgement:
         return USABLE
     words = f"first lay a bed that is safe (step 10): {bed.refusal}"
     if not bed.tried:
-        search = StartBedSearch(implant=cast(ImplantName, bed.implant))
+        search = StartBedSearch(implant=bed.implant)
         return Judgement("bad", words, Remedy("search the bed (step 10)", search))
     for name, remedy in FURTHER.items():
         if judge_part(name, session).state == "missing":

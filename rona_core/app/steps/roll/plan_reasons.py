@@ -23,11 +23,8 @@ def plan_reason(session: Session) -> str | None:
 
 
 def superseded(session: Session, certificate: Certificate | None) -> str | None:
-    """Return what to do where a plan was verified for another robot or with other tolerances.
-
-    One of an earlier version, which kept neither with it, is verified again before it is driven.
-    """
-    if certificate is None or not certificate.complete:
+    """Return what to do where a plan was verified for another robot or with other tolerances."""
+    if certificate is None:
         return None
     return certificate.superseded(robot_model(session.setup.devices.robot.model))
 

@@ -20,9 +20,7 @@ BASE = Input(
 )
 # by their digest, which is the same whatever processor computed them
 OBSTACLES = Input(
-    lambda s: session_obstacles(s).digest(),
-    "say what stands around the robot (step 1)",
-    earlier=lambda s: session_obstacles(s),
+    lambda s: session_obstacles(s).digest(), "say what stands around the robot (step 1)"
 )
 DRIVEN = {"robot": MODEL, "scan speed": SCAN_SPEED, "obstacles": OBSTACLES}  # what plans rest on
 CHOOSE_REFERENCE = "choose the reference (step 1)"

@@ -49,7 +49,7 @@ from rona_ui.scene.path.path_editing import EditLayer, point_at
 from rona_ui.scene.viser_nodes import DOTS_MM, SHADES, SceneNodes, dots_along, shades
 from tests.helpers.ui.fake_gui import FakeClient, FakeGui
 
-FILE = Path(__file__).parents[3] / "contract" / "sessions" / "schema_1.rona"
+FILE = Path(__file__).parents[3] / "sessions" / "path.rona"
 CLIENT = FakeClient()
 SMOOTHING = ViewState(step="smoothing")
 
