@@ -1,31 +1,33 @@
 # The verbs of RONA. Everything is installed into .venv; a second call finds its stamp and is instant.
 #
-#   make run          install, start the server and open its start page
-#   make test         install what the tests need, and run all but those of many seconds
-#   make test-all     run every test, with a browser too (EXAMPLES=10 for ten times as many of each property)
-#   make mutants      change the code in small ways and count what the tests notice (ARGS=--all)
-#   make check        style, types, import contracts, architecture
-#   make bench        figures beside those of peers (SUITE=path for one suite, JSON=1 a list, FULL=1 all seeds)
-#   make profile      CPU time of a procedure by steps and functions (SEED=3, KEEP=1)
-#   make results      run the procedure over seeds and skulls and write docs/results.md
-#   make honesty      hold every predicted error against the truth and write docs/honesty.md (FULL=1)
-#   make reliability kills, cuts, floods, broken files, two programs on one file (FULL=1)
-#   make accuracy     how wrong and how honest the boundary maps are, what fusion brings (FULL=1)
-#   make demo         the whole procedure in the terminal, without a browser (SEED=3)
+#   make run           install, start the server and open its start page
+#   make test          install what the tests need, and run the quick ones
+#   make test-all      run every test: before a release (EXAMPLES=10 for ten times as many of each property)
+#   make mutants       change the code in small ways and count what the tests notice (ARGS=--all)
+#   make check         style, types, import contracts and architecture
+#   make bench         figures beside those of peers (SUITE=path for one suite, JSON=1 a list, FULL=1 all seeds)
+#   make profile       CPU time of a procedure by steps and functions (SEED=3, KEEP=1)
+#   make results       run the procedure over seeds and skulls and write docs/results.md
+#   make metrics       write the tables of docs/metrics.md from the declared figures
+#   make honesty       hold every predicted error against the truth and write docs/honesty.md (FULL=1)
+#   make reliability   kills, cuts, floods, broken files, two programs on one file (FULL=1)
+#   make accuracy      how wrong and how honest the boundary maps are, what fusion brings (FULL=1)
+#   make demo          the whole procedure in the terminal, without a browser (SEED=3)
 #   make demo-session  make sessions/demo.rona anew
-#   make viewers      read exported files in VTK and SimpleITK, installed beside the project
-#   make pictures     take the pictures of the user guide anew, in a headless browser
-#   make animation    play the guided demo in a browser and make the animated picture of the README
-#   make screens      take screenshots of all pages, light and dark, in two sizes, into build/screens
-#   make gallery      draw the pictures of the examples anew
-#   make api          write the reference of the public packages to build/api
-#   make constraints  refresh the pinned versions
-#   make clean        remove what the verbs made
+#   make viewers       read exported files in VTK and SimpleITK, installed beside the project
+#   make pictures      take the pictures of the user guide anew, in a headless browser
+#   make animation     play the guided demo in a browser and make the animated picture of the README
+#   make screens       take screenshots of all pages, light and dark, in two sizes, into build/screens
+#   make gallery       draw the pictures of the examples anew
+#   make api           write the reference of the public packages to build/api
+#   make settings      write docs/settings.md from the declarations of the fields
+#   make constraints   refresh the pinned versions
+#   make clean         remove what the verbs made
 
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help run test test-all mutants gallery api check bench viewers profile results honesty reliability accuracy demo demo-session pictures animation screens constraints clean venv product browser
+.PHONY: help run test test-all mutants gallery api settings check bench viewers profile results metrics honesty reliability accuracy demo demo-session pictures animation screens constraints clean venv product browser
 
 PYTHON ?= python3
 VENV := .venv
@@ -41,6 +43,10 @@ COMPILED := PYTHONDONTWRITEBYTECODE=
 # all tests have three workers on two cores, since they wait for browsers and servers: one drives the browsers,
 # the others take the files first that took longest in the last run (tests/conftest.py)
 IN_FILES := --dist loadfile --no-loadscope-reorder
+# the quick tests; .ci/run adds what is marked "ci": a whole procedure and a walk through a browser
+TIER ?= not slow
+# how many examples are drawn of each property, times those that it names
+QUICK_EXAMPLES ?= 0.3
 EXAMPLES ?= 1
 # suites of `make reliability`
 RELIABILITY := kills saving stop connections readers
@@ -112,7 +118,7 @@ demo: $(VENV)/.product
 PYTEST := $(ONE_THREAD) $(COMPILED) timeout --foreground --kill-after=20 $(TEST_LIMIT) $(BIN)/python -m pytest
 
 test: $(VENV)/.test
-	$(PYTEST) -n 2 $(IN_FILES) -m "not slow" $(ARGS)
+	RONA_EXAMPLES=$(QUICK_EXAMPLES) $(PYTEST) -n 2 $(IN_FILES) -m "$(TIER)" $(ARGS)
 
 test-all: $(VENV)/.test browser
 	RONA_EXAMPLES=$(EXAMPLES) $(PYTEST) -n 3 $(IN_FILES) $(ARGS)
@@ -121,7 +127,7 @@ viewers: .venv-viewers/.viewers
 	$(ONE_THREAD) .venv-viewers/bin/python -m pytest -q tests/core/mapping/files tests/core/devices/files/test_igs_mha.py $(ARGS)
 
 mutants: $(VENV)/.test
-	$(ONE_THREAD) $(BIN)/python -m tests.tools.mutants $(ARGS)
+	RONA_EXAMPLES=$(QUICK_EXAMPLES) $(ONE_THREAD) $(BIN)/python -m tests.tools.mutants $(ARGS)
 
 gallery: $(VENV)/.product
 	$(ONE_THREAD) $(BIN)/python -m examples.gallery
@@ -129,11 +135,13 @@ gallery: $(VENV)/.product
 api: $(VENV)/.product
 	$(BIN)/python -m docs.guide.api_reference build/api
 
+settings: $(VENV)/.product
+	$(BIN)/python -m docs.guide.settings_page
+
 check: $(VENV)/.dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright --pythonpath $(BIN)/python
-	PYTHONPATH=. $(BIN)/lint-imports --no-logo
 	$(BIN)/python -m pytest -q tests/test_architecture.py
 
 bench: .venv-bench/.bench
@@ -156,6 +164,9 @@ screens: $(VENV)/.test
 
 results: $(VENV)/.product
 	$(ONE_THREAD) $(BIN)/python -m benchmarks.procedure_table
+
+metrics: $(VENV)/.product
+	$(BIN)/python -m benchmarks.metrics_page
 
 honesty: $(VENV)/.product
 	$(ONE_THREAD) $(BIN)/python -m benchmarks.honesty_page $(if $(FULL),--full)

@@ -10,14 +10,12 @@ from pathlib import Path
 
 import rona_core
 from benchmarks.__main__ import as_number
-from benchmarks.suites.procedure.procedure import AIMS, SEEDS, Run, runs, summary
-from rona_core.app.overview.acceptance import FIGURES, verdict
-from rona_core.app.overview.predicted_accuracy import predicted_figures
+from benchmarks.suites.procedure.procedure import REPORTED, SEEDS, Run, runs, summary
+from rona_core.app.declarations.figures import FIGURES, PREDICTED
+from rona_core.app.overview.acceptance import verdict
 from rona_core.devices.world_settings import NOMINAL_WORLD, REALISTIC_WORLD
-from rona_core.session.document import Session
 
 PATIENTS = range(35_000, 35_040)  # of the realistic world; nothing was adjusted with these
-PREDICTED = tuple(predicted_figures(Session()))  # what the program tells without any truth
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "results.md"
 
 INTRODUCTION = """# Results
@@ -65,7 +63,7 @@ def summaries(done: Mapping[str, Sequence[Run]]) -> list[str]:
 
 def every_run(world: str, done: Sequence[Run]) -> list[str]:
     """Return the table of all runs in one world, and why some did not come to their end."""
-    keys = [aim.key for aim in AIMS]
+    keys = [figure.key for figure in REPORTED]
     stopped = [run for run in done if run.figures.get("completed") is not True]
     return [
         f"## Every run, {world} world\n",
@@ -75,7 +73,7 @@ def every_run(world: str, done: Sequence[Run]) -> list[str]:
             row(r.specimen, r.seed, outcome(r), *(as_number(r.number(k)) for k in keys))
             for r in done
         ),
-        row("**paper**", "", "", *(as_number(aim.paper) for aim in AIMS)),
+        row("**paper**", "", "", *(as_number(figure.paper) for figure in REPORTED)),
         *what_the_outer_error_is(done),
         *what_the_program_said(done),
         *(
@@ -113,8 +111,8 @@ def what_the_program_said(done: Sequence[Run]) -> list[str]:
     stopped = sum(run.figures.get("completed") is not True for run in done)
     missed = {
         FIGURES[key].title: [run for run in done if _told_bad(run, key)]
-        for key in PREDICTED
-        if key in FIGURES
+        for key in FIGURES
+        if key in PREDICTED
     }
     told = {(run.specimen, run.seed) for found in missed.values() for run in found}
     words = ", ".join(f"{title} {len(found)}" for title, found in missed.items() if found)

@@ -4,23 +4,22 @@ import importlib
 from collections.abc import Generator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from rona_core.app.declarations.declarations import Message
-from rona_core.app.procedure import run_procedure
-from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
+from rona_core.app.procedure import run_procedure, stages
+from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.path.messages import StartPathCapture
 from rona_core.app.steps.pointer.messages import StartPointerCapture
 from rona_core.app.steps.roll.messages import StartRollSearch
-from rona_core.app.steps.scan.messages import StartScan
 from rona_core.app.steps.setup.messages import SetRegion, SetWorld
-from rona_core.app.steps.smoothing.messages import SmoothScanPath
 from rona_core.app.steps.surface.messages import StartSurfaceCapture
 from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.compose import new_workbench
 from rona_core.devices.world_settings import WorldSettings
 from rona_core.session.document import Session
+from tests.scenes.bone_surveys import scanned
 from tests.scenes.laboratory.families import FAMILIES
 from tests.scenes.tank_recordings import CASES
 
@@ -28,31 +27,33 @@ DEMO = Path(__file__).resolve().parents[1] / "sessions" / "demo.rona"
 ONCE = {"metric.REPEATS": 1}
 # all nine steps over a small region, with short captures: half the time of the whole procedure, and
 # a value for every figure of the suites that the whole one has
-UP_TO_SCAN: tuple[tuple[str, Message], ...] = (
-    ("setup", SetRegion(radius_mm=14.0)),
-    ("tool", StartToolCapture(n_pivot=12, n_translate=4)),
-    ("pointer", StartPointerCapture(duration_s=6.0)),
-    ("surface", StartSurfaceCapture(duration_s=25.0)),
-    ("path", StartPathCapture(duration_s=15.0, spacing_mm=5.0)),
-    ("smoothing", SmoothScanPath()),
-    ("roll", StartRollSearch(n_rolls=24)),
-    ("scan", StartScan()),
+REGION = SetRegion(radius_mm=14.0)
+MESSAGES = (
+    StartToolCapture(n_pivot=12, n_translate=4),
+    StartPointerCapture(duration_s=6.0),
+    StartSurfaceCapture(duration_s=25.0),
+    StartPathCapture(duration_s=15.0, spacing_mm=5.0),
+    StartRollSearch(n_rolls=24),
 )
-ONE_PASS: tuple[tuple[str, Message], ...] = (*UP_TO_SCAN, ("maps", StartMapping()))
-SHORT: tuple[tuple[str, Message], ...] = (
-    *ONE_PASS,
-    ("second", StartGapPlan()),
-    ("second", StartGapScan()),
-    ("second", StartMapping()),
-)
+UP_TO_SCAN = stages("scan", *MESSAGES, skip=("gauge",))
+ONE_PASS = stages("detection", *MESSAGES, skip=("gauge",))
+SHORT = stages("maps", *MESSAGES, skip=("gauge", "caliper"))
+small_survey = partial(scanned, among=UP_TO_SCAN, before=(REGION,))
+
+
+def small_workbench(session: Session) -> Workbench:
+    """Return a workbench whose region is small, in the place of ``new_workbench``."""
+    bench = new_workbench(session)
+    bench.dispatch(REGION)
+    return bench
 
 
 def short_procedure(seed: int, world: WorldSettings) -> tuple[Session, dict[str, Any]]:
     """Carry out the short procedure in the place of ``rona_core.compose.run_demo``."""
-    bench = new_workbench(Session(name=f"short, seed {seed}"))
+    bench = small_workbench(Session(name=f"short, seed {seed}"))
     bench.dispatch(SetWorld(**asdict(world)))
     try:
-        ending = run_procedure(bench, messages=SHORT)
+        ending = run_procedure(bench, SHORT)
         return bench.session, {**bench.figures(), "completed": ending.completed}
     finally:
         bench.close()
@@ -136,7 +137,9 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
     },
     "bone_kinds": {
         "suites.ultrasound.bone_kinds.SEEDS": (42_000,),
-        "suites.ultrasound.bone_kinds.STEPS": UP_TO_SCAN,
+        "suites.ultrasound.bone_kinds.scanned": partial(
+            scanned, among=UP_TO_SCAN, before=(REGION,)
+        ),
         "suites.ultrasound.bone_kinds.WORLDS": (("hard", 1.0, 1),),
     },
     "recorded_rf": {
@@ -152,6 +155,7 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
         "suites.ultrasound.thickness.SEEDS": (3,),
         "suites.ultrasound.thickness.PROFILE": "nominal",
         "suites.ultrasound.thickness.ONE_PASS": ONE_PASS,
+        "suites.ultrasound.thickness.new_workbench": small_workbench,
     },
     "rank_ceiling": {
         "suites.ultrasound.rank_ceiling.SEEDS": (10_003, 10_007),
@@ -198,16 +202,18 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
         "suites.procedure.procedure.SEEDS": (0,),
         "suites.procedure.procedure.run_demo": short_procedure,
         "suites.procedure.procedure.SKULLS": (),
-        "timed_procedure.MESSAGES": (),  # they are timed in the smallest case of speed
+        "timed_procedure.STAGES": (),  # they are timed in the smallest case of speed
     },
     "mounting": {
         "suites.procedure.mounting.SEEDS": (30_000,),
         "suites.procedure.mounting.ONE_PASS": ONE_PASS,
+        "suites.procedure.mounting.new_workbench": small_workbench,
     },
     "head_motion": {
         "suites.procedure.head_motion.SEEDS": (30_000,),
         "suites.procedure.head_motion.WORLDS": {"nominal": SetWorld(profile="nominal")},
         "suites.procedure.head_motion.ONE_PASS": ONE_PASS,
+        "suites.procedure.head_motion.new_workbench": small_workbench,
     },
     "volume": {**ONCE, "suites.ultrasound.volume.SEEDS": ()},
     "placement": {
@@ -281,7 +287,8 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
         **ONCE,
         "suites.procedure.speed.SEEDS": (0,),
         "suites.procedure.speed.FRAMES": 512,
-        "timed_procedure.MESSAGES": SHORT,
+        "timed_procedure.STAGES": SHORT,
+        "timed_procedure.new_workbench": small_workbench,
         "reference.yardstick.SMALL_ROUNDS": 20,
         "reference.yardstick.MEDIUM_ROUNDS": 1,
         "cases.growth.ROUNDS": 1,

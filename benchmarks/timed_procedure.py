@@ -10,26 +10,21 @@ from time import process_time
 
 from benchmarks.metric import Metric
 from benchmarks.reference.yardstick import Yardstick
-from rona_core.app.procedure import PROCEDURE, run_procedure
+from rona_core.app.procedure import TO_MAPS, run_procedure
 from rona_core.app.steps.setup.messages import SetSeed, SetWorld
 from rona_core.compose import new_workbench
 from rona_core.devices.world_settings import NOMINAL_WORLD
 from rona_core.session.document import Session, Setup
 
-MESSAGES = PROCEDURE
+STAGES = TO_MAPS
 NOMINAL_SETUP = Setup(world=NOMINAL_WORLD)  # so that figures compare with those of before
-STEPS = {
-    "StartToolCapture": "tool",
-    "StartPointerCapture": "pointer",
-    "StartSurfaceCapture": "surface",
-    "StartPathCapture": "path",
-    "SmoothScanPath": "smoothing",
-    "StartRollSearch": "roll",
-    "StartProbeMountingCapture": "gauge plate",
-    "StartScan": "scan",
-    "StartMapping": "maps",
-    "StartGapPlan": "second plan",
-    "StartGapScan": "second scan",
+PARTS = {  # stage -> part, where it is called otherwise
+    "gauge": "gauge plate",
+    "detection": "maps",
+    "gaps": "second plan",
+    "second": "second scan",
+    "caliper": "references",
+    "maps": "second maps",
 }
 CAPTURES = ("tool", "pointer", "surface", "path", "scan", "second scan")
 # share of each step in the CPU time of the procedure; `make profile KEEP=1` writes it anew
@@ -83,11 +78,9 @@ def timed_procedure(seed: int) -> TimedProcedure:
         bench.dispatch(SetWorld(profile="nominal"))
         bench.rig()
     try:
-        for step, message in MESSAGES:
-            name = STEPS.get(type(message).__name__, step)
-            name = "second maps" if name == "maps" and name in cpu_s else name
-            with part(name):
-                ending = run_procedure(bench, messages=((step, message),))
+        for stage in STAGES:
+            with part(PARTS.get(stage.name, stage.name)):
+                ending = run_procedure(bench, (stage,))
             if not ending.completed:
                 break
         with part("evaluation"):

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize
 
-from rona_core.devices.settings import Excitation, ProbeName
+from rona_core.devices.settings import Excitation
 from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.ultrasound.detection.detect import nominal_bone
 from rona_core.ultrasound.detection.single.candidates import clear_fronts, search_echoes
@@ -33,7 +33,7 @@ SKULL_MM = {"2.25MHz": (3.0, 4.0, 5.0, 7.0, 8.5, 10.0), "1MHz": (4.5, 6.0, 8.0, 
 HARD_MM, HARD_SIDE, PATIENTS = (5.0, 7.0), 12, (0, 1, 2)
 
 
-def tuning_scenes(name: ProbeName, excitation: Excitation, seed: int) -> list[BoneScene]:
+def tuning_scenes(name: str, excitation: Excitation, seed: int) -> list[BoneScene]:
     """Return the scenes of one seed that the detection may be tuned with."""
     scenes: list[BoneScene] = []
     for mm in SKULL_MM[name]:
@@ -60,7 +60,7 @@ def tuning_scenes(name: ProbeName, excitation: Excitation, seed: int) -> list[Bo
     return scenes
 
 
-def endless_bone(number: int, name: ProbeName, excitation: Excitation) -> BoneScene:
+def endless_bone(number: int, name: str, excitation: Excitation) -> BoneScene:
     """Return a patch of bone so thick that it has no inner boundary for the probe."""
     snr = ENDLESS_SNR_DB[number]
     scene = parallel_bone(
@@ -104,7 +104,7 @@ class Case:
     shares: Floats  # (n,)
 
 
-def cases(name: ProbeName) -> list[Case]:
+def cases(name: str) -> list[Case]:
     """Return all tuning scenes of a probe."""
     found: list[Case] = []
     for excitation in ("pulse", "chirp"):

@@ -10,9 +10,9 @@ from rona_core.app.declarations.declarations import Compute, compute_here
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.overview.predicted_accuracy import predicted_figures
 from rona_core.app.procedure import (
-    PROCEDURE,
+    TO_MAPS,
     Ending,
-    Messages,
+    Stages,
     StepProgress,
     run_procedure,
     unwatched,
@@ -25,6 +25,7 @@ from rona_core.app.steps.implant.milling_derivation import milling_model
 from rona_core.app.steps.implant.rehearsal import Rehearsal, derive_rehearsal
 from rona_core.app.steps.implant.view import milling_view
 from rona_core.app.steps.setup.messages import (
+    SetProbe,
     SetRegion,
     SetRobot,
     SetSeed,
@@ -32,6 +33,7 @@ from rona_core.app.steps.setup.messages import (
     StoreSkull,
 )
 from rona_core.devices.protocols import Cancel, Progress, Rig, Work, never
+from rona_core.devices.settings import ProbeSettings
 from rona_core.devices.world_settings import REALISTIC_WORLD, WorldSettings
 from rona_core.errors import DeviceError, RonaError
 from rona_core.evaluation.maps.map_errors import errors_of_maps
@@ -112,7 +114,7 @@ def evaluate_virtual(session: Session, rig: Rig) -> dict[str, Any]:
     """Return the figures of a session against the ground truth of its virtual devices.
 
     Raises:
-        DeviceError: the devices are real, so nobody knows the truth.
+        DeviceError: the devices are real: there is no ground truth.
     """
     if not isinstance(rig, VirtualRig):
         raise DeviceError("figures against ground truth need virtual devices")
@@ -123,7 +125,7 @@ def virtual_map_errors(session: Session, rig: Rig) -> MapErrors:
     """Return the errors of the robot's maps against the true bone of its virtual devices.
 
     Raises:
-        DeviceError: the devices are real, so nobody knows the truth.
+        DeviceError: the devices are real: there is no ground truth.
         StepBlockedError: nothing was mapped.
     """
     if not isinstance(rig, VirtualRig):
@@ -233,10 +235,10 @@ def run_demo(
     skull: DemoSkull = SIMULATED,
     *,
     robot: str = "rx90",
+    probe: str = "2.25MHz",
     world: WorldSettings = REALISTIC_WORLD,
-    messages: Messages = PROCEDURE,
+    among: Stages = TO_MAPS,
     progress: StepProgress = unwatched,
-    cancel: Cancel = never,
 ) -> tuple[Session, dict[str, Any]]:
     """Carry out the complete procedure with virtual devices and judge it against ground truth.
 
@@ -244,10 +246,10 @@ def run_demo(
         seed: Seed of the patient, the placement and every noise.
         skull: What is scanned.
         robot: Name of the robot.
-        world: How far patient and devices are from what is told of them.
-        messages: What is done after set-up.
+        probe: Name of the probe.
+        world: How far patient and devices are from their stated values.
+        among: The stages after set-up; those up to the maps, where nothing else is chosen.
         progress: Called with the step and the share of it that is done.
-        cancel: Asked now and then; returns True to end.
 
     Returns:
         The session and its figures, with the keys of ``docs/metrics.md``.
@@ -261,12 +263,14 @@ def run_demo(
         bench.dispatch(SetSeed(seed))
         if robot != "rx90":
             bench.dispatch(SetRobot(model=robot))
+        if probe != ProbeSettings().name:
+            bench.dispatch(SetProbe(name=probe))
         if world != REALISTIC_WORLD:
             bench.dispatch(SetWorld(**asdict(world)))
-        _put_on_the_table(skull, bench, lambda share: progress("setup", share), cancel)
+        _put_on_the_table(skull, bench, lambda share: progress("setup", share))
         bench.rig()
         progress("setup", 1.0)
-        ending = run_procedure(bench, progress=progress, cancel=cancel, messages=messages)
+        ending = run_procedure(bench, among, progress=progress)
         figures = _figures(bench, ending)
     finally:
         bench.close()
@@ -274,9 +278,7 @@ def run_demo(
     return bench.session, {**head, **figures, "wall_s": time.monotonic() - started}
 
 
-def _put_on_the_table(
-    skull: DemoSkull, bench: Workbench, progress: Progress, cancel: Cancel
-) -> None:
+def _put_on_the_table(skull: DemoSkull, bench: Workbench, progress: Progress) -> None:
     radius_mm = 25.0 if skull.radius is None else float(skull.radius)
     region = SetRegion(skull.center, radius_mm)  # refuses a bad region before a file is read
     if skull.path is not None:
@@ -289,7 +291,7 @@ def _put_on_the_table(
             radius_mm,
             skull.label,
             progress=progress,
-            cancel=cancel,
+            cancel=never,
         )
         bench.store.dispatch(StoreSkull(read))
     elif skull.center is not None or skull.radius is not None:
@@ -301,12 +303,14 @@ def _figures(bench: Workbench, ending: Ending) -> dict[str, Any]:
         figures = bench.figures()
     except RonaError as error:
         figures = {}
-        ending = Ending(False, ending.failed_step or "evaluation", ending.reason or str(error))
+        failed = ending.failed_step or "evaluation"
+        ending = Ending(False, failed, ending.reason or str(error), ending.left_out)
     figures["completed"] = ending.completed
-    figures["second_pass_reason"] = ending.second_pass_reason
-    figures["references_reason"] = ending.references_reason
-    figures["bed_reason"] = ending.bed_reason
-    figures["milling_reason"] = ending.milling_reason
+    left = ending.left_out
+    figures["second_pass_reason"] = left.get("gaps") or left.get("second")
+    figures["references_reason"] = left.get("caliper")
+    figures["bed_reason"] = ending.reason if ending.failed_step == "implant" else None
+    figures["milling_reason"] = left.get("milling") or left.get("rehearsal")
     if not ending.completed:
         figures |= {"failed_step": ending.failed_step, "reason": ending.reason}
     return figures

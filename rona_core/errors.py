@@ -12,7 +12,7 @@ RonaError
 ├── FileChangedError         the file of this session is not the one that it was
 ├── SessionFormatError       a file is damaged, foreign or newer
 ├── StorageError             (also an OSError)  the file system refused
-└── CancelledError           somebody pressed Cancel or Stop
+└── CancelledError           Cancel or Stop was pressed
 """
 
 import errno
@@ -31,7 +31,7 @@ class RonaError(Exception):
 
     def __init__(self, message: str, **data: object) -> None:
         super().__init__(message)
-        self.data = data  # plain values for whoever handles the error
+        self.data = data  # plain values for the handler of the error
 
 
 class InvalidInputError(RonaError, ValueError):
@@ -95,7 +95,7 @@ class SessionFormatError(RonaError):
 
 
 class CancelledError(RonaError):
-    """Somebody pressed Cancel or Stop."""
+    """Cancel or Stop was pressed."""
 
     code = "cancelled"
 

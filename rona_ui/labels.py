@@ -1,37 +1,33 @@
 """Labels: maps names of parameters and activities to the words shown in the interface."""
 
 import re
-from dataclasses import fields
+from collections.abc import Mapping
+from functools import cache
 
 from rona_core.app.declarations.registry import REGISTRY
+from rona_core.devices.limits import heading, limits_of
 
+# of parameters without a label of their own
 UNITS = {
     "mm_per_us": "mm/µs", "mm_per_s": "mm/s", "mm": "mm", "deg": "deg", "s": "s", "ms": "ms",
     "us": "µs", "db": "dB", "mhz": "MHz", "hz": "Hz", "n": "N", "c": "°C",
 }  # fmt: skip
-# fields that stand alone, outside of the forms
-OTHERS = {
-    "sound_speed_mm_per_us": "Sound speed (mm/µs)",
-    "thickness_mm": "Thickness (mm)",
-    "snr_db": "SNR (dB)",
-}
-_LABELS: dict[str, set[str]] = {name: {label} for name, label in OTHERS.items()}
 
 
-def parameter_names() -> frozenset[str]:
-    """Return the names of several words that parameters of messages have."""
-    kinds = REGISTRY.messages.values()
-    return frozenset(part.name for kind in kinds for part in fields(kind) if "_" in part.name)
-
-
-def note_label(name: str, label: str) -> None:
-    """Remember what the field of a parameter is called."""
-    _LABELS.setdefault(name, set()).add(label)
+@cache
+def parameter_labels() -> Mapping[str, frozenset[str]]:
+    """Return how the parameters of messages are labelled, by names of several words."""
+    found: dict[str, set[str]] = {}
+    for kind in REGISTRY.messages.values():
+        for name, words in limits_of(kind).items():
+            if "_" in name:
+                found.setdefault(name, set()).update({heading(words)} if "label" in words else ())
+    return {name: frozenset(labels) for name, labels in found.items()}
 
 
 def label_of(name: str) -> str:
-    """Return what people read for a parameter: its field's label, else its name in words."""
-    known = _LABELS.get(name, set())
+    """Return what people read for a parameter: its label where it has one, else its name."""
+    known = parameter_labels().get(name, frozenset[str]())
     if len(known) == 1:
         return next(iter(known))
     for suffix, unit in UNITS.items():
@@ -59,7 +55,7 @@ def place_of(step: str | None, activity: str | None = None) -> str:
 
 def in_words(text: str) -> str:
     """Return a message with the labels of fields in place of the names of parameters."""
-    names = parameter_names()
+    names = parameter_labels()
     told = re.sub(
         r"\b[a-z][a-z0-9]*(?:_[a-z0-9]+)+\b",
         lambda found: label_of(found[0]) if found[0] in names else found[0],

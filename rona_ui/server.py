@@ -36,10 +36,10 @@ from rona_ui.api.routes import (
     commands,
     events,
     files,
-    implant,
     jobs,
     maps,
     probe,
+    procedure,
     recovery,
     results,
     robot,
@@ -60,6 +60,7 @@ ROOT_PATH = re.compile(r"(?!/(api|session|static|viewer)(/|$))(/[A-Za-z0-9_~-][A
 TAGS = {
     "session": "Open sessions and their changes. `current` stands for the one the viewer shows.",
     "files": "Session files and files of specimens.",
+    "procedure": "Stages of the procedure: what is done, and what to do now.",
     "commands": "Changes of a session, at once and purely; one route per command.",
     "jobs": "What takes time or touches a device: started, followed, cancelled.",
     "results": "What a session knows: steps, results, frames, figures, replay.",
@@ -161,7 +162,7 @@ def bare_app(hub: SessionRegistry, gateway: ViewerGateway | None, root_path: str
     _add_pages(app)  # before the interface: FastAPI prepares a route when it is first passed
     if gateway is not None:
         app.router.routes.extend(gateway.routes())
-    parts = (sessions, files, recovery, commands, jobs, results, maps, implant, events)
+    parts = (sessions, files, recovery, procedure, commands, jobs, results, maps, events)
     parts += (tracker, robot, probe, hand)
     declared = (commands.declared_commands(), jobs.declared_jobs())
     routers = (*(part.router for part in parts), sessions.files, *declared)

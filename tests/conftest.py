@@ -1,7 +1,9 @@
 """How the suite runs: examples of property tests, and in which order files go to the workers.
 
-Property tests draw the same examples on every run, and a busy machine fails none of them.
-``RONA_EXAMPLES`` times as many are drawn where that is set.
+Quick tests are those not marked ``slow``; slow ones marked ``ci`` run with them before a change
+lands. Property tests draw the same examples on every run, and a busy machine fails none of them.
+``RONA_EXAMPLES`` times as many are drawn where that is set: a share of them by the quick tests, ten
+times as many on demand.
 One worker drives the browsers, one after the other, on one server; the others begin with the files
 that took longest in the last run, so that all end together, and leave it the processor where it
 wants one.
@@ -12,15 +14,18 @@ import os
 from collections import Counter
 from functools import cache
 
+import pytest
 from hypothesis import settings
 
 settings.register_profile("rona", deadline=None, derandomize=True)
 settings.load_profile("rona")
 
-MORE_EXAMPLES = int(os.environ.get("RONA_EXAMPLES", "1"))
+EXAMPLES = float(os.environ.get("RONA_EXAMPLES", "1"))
+FEWEST = 5  # examples of a property, unless it has fewer
 SECONDS = "rona/seconds_of_files"
 BROWSERS = "tests/ui/browser/"  # each draws with a processor of its own: one after the other
 ADDED_NICENESS = 10  # of tests without a browser: hands that move in real time come first
+BESIDE_BROWSERS = pytest.StashKey[bool]()  # whether another worker drives browsers
 BY_HYPOTHESIS = "_hypothesis_internal_use_settings"
 
 
@@ -31,8 +36,8 @@ def file_of(nodeid):
 class FileTimes:
     """Notes how long the tests of each file take."""
 
-    def __init__(self, config):
-        self.seconds, self.cache = Counter(config.cache.get(SECONDS, {})), config.cache
+    def __init__(self, cache):
+        self.seconds, self.cache = Counter(cache.get(SECONDS, {})), cache
         self.seen = set()
 
     def pytest_runtest_logreport(self, report):
@@ -47,19 +52,38 @@ class FileTimes:
 
 
 def pytest_configure(config):
-    if not hasattr(config, "workerinput") and config.getoption("numprocesses", None):
-        config.pluginmanager.register(FileTimes(config))
+    cache, workers = getattr(config, "cache", None), config.getoption("numprocesses", None)
+    if cache and workers and not hasattr(config, "workerinput"):
+        config.pluginmanager.register(FileTimes(cache))
 
 
+def thin_out_sweeps(items):
+    """Mark as slow all cases of each sweep but as many as its marker names, evenly spread."""
+    sweeps = {}
+    for item in items:
+        if marker := item.get_closest_marker("sweep"):
+            sweeps.setdefault(item.nodeid.partition("[")[0], (marker.args[0], []))[1].append(item)
+    for n_quick, cases in sweeps.values():
+        steps = max(n_quick - 1, 1)
+        quick = {round(k * (len(cases) - 1) / steps) for k in range(n_quick)}
+        for number, item in enumerate(cases):
+            if number not in quick:
+                item.add_marker(pytest.mark.slow)
+
+
+@pytest.hookimpl(tryfirst=True)  # before tests are chosen by their markers
 def pytest_collection_modifyitems(config, items):
+    thin_out_sweeps(items)
     for item in items:
         test = getattr(item, "obj", None)
-        if MORE_EXAMPLES > 1 and getattr(test, "is_hypothesis_test", False):
+        if EXAMPLES != 1.0 and getattr(test, "is_hypothesis_test", False):
             own = getattr(test, BY_HYPOTHESIS)
-            more = settings(own, max_examples=own.max_examples * MORE_EXAMPLES)
-            setattr(getattr(test, "__func__", test), BY_HYPOTHESIS, more)
+            n = max(min(FEWEST, own.max_examples), round(EXAMPLES * own.max_examples))
+            func = getattr(test, "__func__", test)
+            setattr(func, BY_HYPOTHESIS, settings(own, max_examples=n))
     if hasattr(config, "workerinput"):
-        known = config.cache.get(SECONDS, {})
+        cache = getattr(config, "cache", None)
+        known = cache.get(SECONDS, {}) if cache else {}
         slow = {file_of(item.nodeid) for item in items if item.get_closest_marker("slow")}
         items.sort(key=lambda item: -known.get(f := file_of(item.nodeid), 60.0 * (f in slow)))
         items.sort(key=lambda item: not item.nodeid.startswith(BROWSERS))
@@ -72,11 +96,11 @@ def leave_the_processor_to_browsers():
 
 
 def pytest_runtest_setup(item):
-    browsers = any(other.nodeid.startswith(BROWSERS) for other in item.session.items)
-    if browsers and hasattr(item.config, "workerinput") and not item.nodeid.startswith(BROWSERS):
+    if item.config.stash[BESIDE_BROWSERS] and not item.nodeid.startswith(BROWSERS):
         leave_the_processor_to_browsers()
 
 
+@pytest.hookimpl(optionalhook=True)  # pytest-xdist need not be installed
 def pytest_xdist_make_scheduler(config, log):
     """Give files to the workers, and all files that drive a browser to one of them."""
     from xdist.scheduler import LoadFileScheduling
@@ -89,7 +113,18 @@ def pytest_xdist_make_scheduler(config, log):
     return OneBrowser(config, log)
 
 
-def pytest_collection_finish():
+@pytest.fixture(scope="session")
+def demo():
+    """The demo session; nothing can change it."""
+    from tests.scenes import demo_parts
+
+    return demo_parts.demo()
+
+
+def pytest_collection_finish(session):
     """Modules and tests live to the end: the collector need not go through them again and again."""
+    session.config.stash[BESIDE_BROWSERS] = hasattr(session.config, "workerinput") and any(
+        item.get_closest_marker("browser") for item in session.items
+    )
     gc.collect()
     gc.freeze()

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from docs.guide import settings_page
+
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 CODE = ("rona_core", "rona_ui", "benchmarks", "examples", "tests")
@@ -222,9 +224,5 @@ def test_one_version_everywhere():
     assert f"## [{version}]" in changelog or "## [Unreleased]" in changelog
 
 
-def test_the_licence_is_the_same_everywhere():
-    assert text(ROOT / "LICENSE").startswith(
-        "MIT License\n\nCopyright (c) 2026 The RONA developers"
-    )
-    assert 'license = "MIT"' in text(ROOT / "pyproject.toml")
-    assert "license: MIT" in text(ROOT / "CITATION.cff")
+def test_the_page_of_settings_is_that_of_the_declarations():
+    assert text(settings_page.PAGE) == settings_page.page(), "run `make settings`"

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from benchmarks.metric import Metric, Progress, cpu_ms, over_seeds
-from rona_core.app.procedure import PROCEDURE, run_procedure
+from rona_core.app.procedure import run_procedure, stages
 from rona_core.compose import new_workbench
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.surface.normals.normal_estimator import NormalMethod
@@ -185,7 +185,7 @@ def _demonstrations(progress: Progress) -> list[Metric]:
         progress(f"path of patient {seed}")
         bench = new_workbench(Session(name=f"patient {seed}", setup=Setup(seed=seed)))
         try:
-            ending = run_procedure(bench, messages=PROCEDURE[:5])
+            ending = run_procedure(bench, stages("smoothing"))
             figures = bench.figures() if ending.completed else {}
         finally:
             bench.close()

@@ -1,10 +1,14 @@
-"""The whole procedure as a list of messages, for the terminal, for tests and for benchmarks."""
+"""The procedure, once: its stages in order, which of them is next, and all one after the other.
 
-from collections.abc import Callable
-from dataclasses import dataclass
+Terminal, page, REST, tests and benchmarks take the stages from here.
+"""
 
-from rona_core.app.declarations.declarations import Message
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field, replace
+
+from rona_core.app.declarations.declarations import Judgement, Message
 from rona_core.app.declarations.registry import REGISTRY
+from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.acoustics.messages import StartCaliperMeasurements
 from rona_core.app.steps.implant.burr.messages import StartBurrCapture
@@ -20,38 +24,158 @@ from rona_core.app.steps.smoothing.messages import SmoothScanPath
 from rona_core.app.steps.surface.messages import StartSurfaceCapture
 from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.devices.protocols import Cancel, never, silent
-from rona_core.errors import CancelledError, RonaError
+from rona_core.errors import CancelledError, InvalidInputError, RonaError
+from rona_core.session.document import Session
 
-StepProgress = Callable[[str, float], None]  # step, share done
+StepProgress = Callable[[str, float], None]  # name of a stage, share done
 
-Messages = tuple[tuple[str, Message], ...]  # with the step of each
 
-PROCEDURE: Messages = (
-    ("tool", StartToolCapture()),
-    ("pointer", StartPointerCapture()),
-    ("surface", StartSurfaceCapture()),
-    ("path", StartPathCapture()),
-    ("smoothing", SmoothScanPath()),
-    ("roll", StartRollSearch()),
-    ("scan", StartProbeMountingCapture()),
-    ("scan", StartScan()),
-    ("maps", StartMapping()),
-    ("second", StartGapPlan()),
-    ("second", StartGapScan()),
-    ("references", StartCaliperMeasurements()),
-    ("maps", StartMapping()),
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """One stage of the procedure: the message that does it and the part that it makes."""
+
+    name: str
+    message: Message
+    makes: str  # name of the result, or "capture " and that of the capture, that it is judged by
+    title: str  # words of a button
+    offered: str = ""  # what it brings, where the procedure is complete without it
+    seen_first: bool = False  # its step is looked at before it is started
+
+    @property
+    def step(self) -> str:
+        """Name of the step of the list that it belongs to."""
+        return REGISTRY.shown_in(type(self.message).__name__) or self.name
+
+    def judgement(self, session: Session) -> Judgement:
+        """Return the judgement of what it makes."""
+        return judge_part(self.makes, session)
+
+    def next_message(self, session: Session) -> Message | None:
+        """Return what brings the stage forward now; None where a person must act.
+
+        That is the remedy of its judgement, with the fields of the stage where it is its message
+        with no other fields chosen.
+        """
+        remedy = self.judgement(session).remedy
+        message = None if remedy is None else remedy.message
+        return self.message if message == type(self.message)() else message
+
+    def is_due(self, session: Session) -> bool:
+        """Return whether a message of this very stage makes its part usable now."""
+        kind = type(self.next_message(session))
+        if kind is type(self.message):
+            return True  # what follows a recording computes from it
+        return any(result.name == self.makes for result in REGISTRY.results_of(kind.__name__))
+
+
+PROCEDURE = (
+    Stage("tool", StartToolCapture(), "tool", "Register the tool"),
+    Stage("pointer", StartPointerCapture(), "pointer", "Calibrate the pointer"),
+    Stage("surface", StartSurfaceCapture(), "surface", "Sweep the surface"),
+    Stage("path", StartPathCapture(), "path", "Record the path"),
+    Stage("smoothing", SmoothScanPath(), "smoothing", "Smooth the path"),
+    Stage("roll", StartRollSearch(), "roll", "Plan the motion"),
+    Stage(
+        "gauge",
+        StartProbeMountingCapture(),
+        "mounting",
+        "Record on gauge plate",
+        offered="the place of the probe's face, the largest error of the outer map",
+    ),
+    Stage("scan", StartScan(), "capture scan", "Scan", seen_first=True),
+    Stage("detection", StartMapping(), "detection", "Map the boundaries"),
+    Stage(
+        "gaps",
+        StartGapPlan(),
+        "second",
+        "Plan the second pass",
+        offered="a way of the tilted probe over the gaps of the inner map",
+    ),
+    Stage(
+        "second",
+        StartGapScan(),
+        "capture second",
+        "Scan the gaps",
+        offered="the inner boundary in the gaps of the first pass",
+        seen_first=True,
+    ),
+    Stage(
+        "caliper",
+        StartCaliperMeasurements(),
+        "speed",
+        "Measure with caliper",
+        offered="the speed of sound of this bone in place of the published mean",
+    ),
+    Stage("maps", StartMapping(), "maps", "Map the boundaries"),
+    Stage(
+        "burr",
+        StartBurrCapture(),
+        "burr",
+        "Register the burr",
+        offered="the place of the burr's tip, so that more beds are safe",
+    ),
+    Stage("implant", StartBedSearch(), "bed", "Search the bed"),
+    Stage(
+        "milling",
+        PlanMilling(),
+        "milling",
+        "Plan the milling",
+        offered="a certified motion that mills the bed",
+    ),
+    Stage(
+        "rehearsal",
+        RehearseMilling(),
+        "rehearsal",
+        "Rehearse the milling",
+        offered="the bone left after a rehearsal on the virtual patient",
+    ),
 )
-WITHOUT_REFERENCES = tuple(step for step in PROCEDURE if step[0] != "references")
-# what may follow
-IMPLANT: Messages = (
-    ("implant", StartBurrCapture()),
-    ("implant", StartBedSearch()),
-    ("milling", PlanMilling()),
-    ("milling", RehearseMilling()),
-)
-# The procedure is complete without these: there may be no gap, or no way to it, and no place that
-# is thick and sure enough for a caliper, and an implant may be larger than what was scanned.
-SPARED = ("second", "references", "implant", "milling")
+Stages = tuple[Stage, ...]
+OFFERED = tuple(stage.name for stage in PROCEDURE if stage.offered)
+
+
+def stages(until: str, *messages: Message, skip: Collection[str] = ()) -> Stages:
+    """Return the stages up to one, some of them with other fields of their messages.
+
+    Args:
+        until: Name of the last stage.
+        messages: Take the place of the messages of their type.
+        skip: Names of stages that are left out.
+
+    Raises:
+        InvalidInputError: no such stage, or a message of none of them.
+    """
+    names = [stage.name for stage in PROCEDURE]
+    for name in (until, *skip):
+        if name not in names:
+            raise InvalidInputError(f"there is no stage {name!r}: it is one of {', '.join(names)}")
+    chosen = tuple(s for s in PROCEDURE[: names.index(until) + 1] if s.name not in skip)
+    for message in messages:
+        if not any(type(stage.message) is type(message) for stage in chosen):
+            raise InvalidInputError(f"no stage up to {until} sends {type(message).__name__}")
+        chosen = tuple(
+            replace(stage, message=message) if type(stage.message) is type(message) else stage
+            for stage in chosen
+        )
+    return chosen
+
+
+TO_MAPS = stages("maps")
+
+
+def next_stage(
+    session: Session, skipped: Collection[str] = (), among: Stages = PROCEDURE
+) -> Stage | None:
+    """Return the first stage whose part is not usable; None where all are.
+
+    An offered stage is passed over where it was skipped, or where another one is to come first.
+    """
+    for stage in among:
+        if stage.judgement(session).holds:
+            continue
+        if not stage.offered or (stage.name not in skipped and stage.is_due(session)):
+            return stage
+    return None
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,68 +183,65 @@ class Ending:
     """How a run of the procedure ended."""
 
     completed: bool
-    failed_step: str | None = None
+    failed_step: str | None = None  # name of the stage
     reason: str | None = None
-    second_pass_reason: str | None = None  # why the gaps were not scanned again
-    references_reason: str | None = None  # why nothing was measured with a caliper
-    bed_reason: str | None = None  # why no implant bed was searched
-    milling_reason: str | None = None  # why its milling was not planned or rehearsed
+    left_out: Mapping[str, str] = field(default_factory=dict)  # offered stages that failed, and why
 
 
 def unwatched(step: str, share: float) -> None:
-    """Nobody watches the steps."""
+    """Show no progress."""
 
 
 def run_procedure(
     bench: Workbench,
+    among: Stages,
     *,
     progress: StepProgress = unwatched,
     cancel: Cancel = never,
-    messages: Messages = PROCEDURE,
 ) -> Ending:
-    """Carry out all steps after set-up, one after the other; stop where one cannot be done.
+    """Carry out all stages after set-up, one after the other; stop where one cannot be done.
+
+    An offered stage that fails is left out.
 
     Raises:
-        CancelledError: somebody cancelled.
+        CancelledError: ``cancel`` returned True.
     """
-    spared: dict[str, str] = {}  # step, why it was not done
-    for step, message in messages:
-        if step in spared:
-            continue
+    left: dict[str, str] = {}
+    while (stage := next_stage(bench.session, left, among)) is not None:
         if cancel():
-            raise CancelledError(f"cancelled before step {step}")
-        progress(step, 0.0)
-        try:
-            if type(message).__name__ in REGISTRY.command_types:
-                bench.dispatch(message)
-            else:
-                bench.run(message, lambda share, step=step: progress(step, share), cancel)
-        except CancelledError:
-            raise
-        except RonaError as error:
-            if step in SPARED:
-                progress(step, 1.0)
-                spared[step] = str(error)
-                continue
-            return Ending(False, step, str(error))
-        reason = _unfinished(step, bench)
+            raise CancelledError(f"cancelled before step {stage.name}")
+        progress(stage.name, 0.0)
+        reason = _carry_out(stage, bench, progress, cancel)
+        if reason is not None and not stage.offered:
+            return Ending(False, stage.name, reason, left)
+        progress(stage.name, 1.0)
         if reason is not None:
-            return Ending(False, step, f"{reason}. {_base_move(bench, cancel)}")
-        progress(step, 1.0)
-    return Ending(
-        True,
-        second_pass_reason=spared.get("second"),
-        references_reason=spared.get("references"),
-        bed_reason=spared.get("implant"),
-        milling_reason=spared.get("milling"),
-    )
+            left[stage.name] = reason
+    return Ending(True, left_out=left)
 
 
-def _unfinished(step: str, bench: Workbench) -> str | None:
-    """Return why a step that ran left nothing to go on with, or None."""
-    if step != "roll" or bench.session.results.roll is None:
+def _carry_out(
+    stage: Stage, bench: Workbench, progress: StepProgress, cancel: Cancel
+) -> str | None:
+    """Bring a stage forward; return why what it makes is not usable then, or None."""
+    before = stage.judgement(bench.session)
+    message = None if before.state == "bad" else stage.next_message(bench.session)
+    try:
+        if message is not None and type(message).__name__ in REGISTRY.command_types:
+            bench.dispatch(message)
+        elif message is not None:
+            bench.run(message, lambda share: progress(stage.name, share), cancel)
+    except CancelledError:
+        raise
+    except RonaError as error:
+        return str(error)
+    found = stage.judgement(bench.session)
+    if found.holds:
         return None
-    return why_no_plan(bench.session.results.roll.value)
+    plan = bench.session.results.roll
+    if stage.name == "roll" and plan is not None and (why := why_no_plan(plan.value)) is not None:
+        return f"{why}. {_base_move(bench, cancel)}"
+    return found.reason
 
 
 def _base_move(bench: Workbench, cancel: Cancel) -> str:

@@ -104,7 +104,7 @@ def register_surface(
         start: First guess of ``T_b_a``, within about 10 degrees and 10 mm at the patch.
         n_starts: Starts about the first guess, 1 to 27: as given, then turned and shifted.
         cancel: Asked between steps.
-        progress: Told the share that is done.
+        progress: Receives the share that is done, 0 to 1.
 
     Raises:
         InvalidInputError: wrong shapes, or too few points.

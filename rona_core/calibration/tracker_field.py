@@ -1,6 +1,6 @@
 """Fixed error of the tracker over its volume, as far as its maker and the pivot tell of it.
 
-How large it is, the maker states. How fast it changes from place to place nobody states, and that
+How large it is, the maker states. How fast it changes from place to place is not stated, and that
 alone counts for a tip that swings, or for two places that were mapped with one registration. But
 where the pointer pivots, the tip seems to wander as the field changes under its markers: the
 residuals tell the length. The field is taken for a Gaussian process (Rasmussen 2006) whose lengths

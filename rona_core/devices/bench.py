@@ -17,7 +17,7 @@ class Bench(Protocol):
             Thicknesses (n,) and the standard deviation of the caliper, in mm.
 
         Raises:
-            DeviceError: there is nothing to grip, or nobody can measure.
+            DeviceError: there is nothing to grip, or no caliper.
         """
         ...
 

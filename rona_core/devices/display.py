@@ -12,7 +12,7 @@ from rona_core.geometry.pose import Pose
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DrawnHead:
-    """A head for the eye: the true calvaria, and beneath it a face that belongs to nobody."""
+    """A head for the eye: the true calvaria, and beneath it a face that is no person's."""
 
     calvaria: Mesh  # the part of the outer surface above brow, ear canal and inion
     face: Mesh  # from a template

@@ -1,9 +1,12 @@
-"""What a field may hold, declared once, as metadata of the field.
+"""Declarations of fields: what each may hold, and what people read about it, as its metadata.
 
-The check follows from it, and whatever else must say it (a REST schema, a form) reads it here. The
-words are those of JSON Schema for validation, with five of our own: ``label``, ``unit``,
-``step`` (of a form; it is not checked), ``above`` (name of another field, and by how much this one
-lies above it) and ``rule``, words for what needs several fields and is checked elsewhere.
+From a declaration follow the check (``require_limits``), the row of a form, the range, title and
+description in the REST schema, the option of the command line and the row of ``docs/settings.md``.
+The words are those of JSON Schema for validation, with ours: ``label``, ``unit``, ``hint``,
+``step`` (of a form; it is not checked), ``labels`` (of the values of a choice), ``offered``
+(numbers that a form offers as a choice), ``none`` (what null means), ``percent`` (forms show a
+share in per cent), ``above`` (name of another field, and by how much this one lies above it) and
+``rule``, words for what needs several fields and is checked elsewhere.
 """
 
 import math
@@ -19,13 +22,12 @@ OF_NUMBERS = ("minimum", "maximum")  # of every number in the field, however dee
 OF_LISTS = ("minItems", "maxItems", "uniqueItems")  # of the outermost list
 INNER = "items"  # the same words for the lists in that list
 OF_TEXTS = ("minLength", "maxLength", "pattern", "enum")  # of every text in the field
-OUR_OWN = ("label", "unit", "step", "above", "rule")
+OF_PEOPLE = ("label", "unit", "hint", "step", "labels", "offered", "none", "percent")
+OUR_OWN = (*OF_PEOPLE, "above", "rule")
 WORDS = frozenset((*OF_NUMBERS, *OF_LISTS, INNER, *OF_TEXTS, *OUR_OWN))
 LIMITS = "limits"  # under which the words are in the metadata of a field
-ROW = {"minimum": 0, "maximum": 999_999}  # number of a thing that is counted from 0
-PLACE = {"minimum": -1e5, "maximum": 1e5}  # coordinate in mm: 100 m, so that nothing overflows
-
-UNIT_QUATERNION = {"minimum": -1.001, "maximum": 1.001, "rule": "of length 1, to 0.001"}
+ROW = (0, 999_999)  # least and largest number of a thing that is counted from 0
+PLACE_MM = (-1e5, 1e5)  # of a coordinate: 100 m, so that nothing overflows
 
 
 def require(condition: bool, message: str) -> None:
@@ -71,30 +73,71 @@ def number(
     step: float,
     **words: Any,
 ) -> Any:
-    """Declare a number of the settings as people see it, with its limits, both allowed.
+    """Declare a number with its limits, both allowed.
 
     Args:
         default: Of the field; ``MISSING`` if a value must be given.
         label: What people call it.
-        unit: As people write it; empty for a share.
+        unit: As people write it; empty for a share or a count.
         minimum: Smallest value, of each number where the field has several.
         maximum: Largest value.
         step: From one value to the next in a form.
-        words: Further ones of ``WORDS``.
+        words: Further ones of ``WORDS``, as ``hint``: what it means, beyond its label.
     """
-    words |= {"minimum": minimum, "maximum": maximum}
-    return limited(default, label=label, unit=unit, step=step, **words)
+    words = {"hint": "", "minimum": minimum, "maximum": maximum, "step": step, **words}
+    return limited(default, label=label, unit=unit, **words)
 
 
-def like(kind: Any, name: str) -> Any:
-    """Declare a field as another dataclass does: the same default, the same limits."""
+def quaternion(default: Any, label: str, rule: str = "") -> Any:
+    """Declare a unit quaternion wxyz, whose length ``require_unit`` checks."""
+    words = {"rule": "; ".join(filter(None, ("of length 1, to 0.001", rule)))}
+    return number(default, label, "", -1.001, 1.001, 0.001, **words)
+
+
+def choice(default: Any, label: str, labels: Mapping[Any, str], hint: str = "") -> Any:
+    """Declare a text that is one of several.
+
+    Args:
+        default: Of the field; ``MISSING`` if a value must be given.
+        label: What people call it.
+        labels: What people call each value, in the order of a form.
+        hint: What it means, beyond its label.
+    """
+    return limited(default, label=label, hint=hint, labels=labels, enum=tuple(labels))
+
+
+def switch(default: bool, label: str, hint: str = "") -> Any:
+    """Declare a truth value by what people call it, and what it means where it is true."""
+    return limited(default, label=label, hint=hint)
+
+
+def like(kind: Any, name: str, *, required: bool = False) -> Any:
+    """Declare a field as another dataclass does; with its default, unless a value is required."""
     part = next(part for part in fields(kind) if part.name == name)
-    return field(default=part.default, metadata=part.metadata)
+    return field(default=MISSING if required else part.default, metadata=part.metadata)
 
 
 def limits_of(kind: Any) -> dict[str, Mapping[str, Any]]:
     """Return the words that the fields of a dataclass were declared with, by name of the field."""
     return {part.name: part.metadata.get(LIMITS, {}) for part in fields(kind)}
+
+
+def heading(words: Mapping[str, Any]) -> str:
+    """Return what people call a declared field, with its unit where it is a number."""
+    unit = "%" if words.get("percent") else words.get("unit")
+    return f"{words['label']} ({unit})" if unit and "offered" not in words else words["label"]
+
+
+def meaning(words: Mapping[str, Any]) -> str:
+    """Return what a declared field means, and what it must hold beyond its range, in sentences."""
+    said = [words.get("hint", "")]
+    if "none" in words:
+        said.append(f"Null: {words['none']}")
+    if "above" in words:
+        other, gap = words["above"]
+        said.append(f"At least {gap:g} above `{other}`")
+    said.append(words.get("rule", ""))
+    return ". ".join(part[:1].upper() + part[1:] for part in said if part)
 
 
 def range_of(kind: Any, name: str) -> tuple[float, float]:
@@ -115,7 +158,9 @@ def require_limits(value: Any) -> None:
         for leaf in _leaves(held) if words else ():
             if isinstance(leaf, str):
                 _require_text(name, leaf, words)
-            elif "minimum" in words and not isinstance(leaf, bool) and isinstance(leaf, Real):
+            elif "minimum" in words and isinstance(leaf, bool):
+                raise InvalidInputError(f"{name} must be a number, not {leaf}")
+            elif "minimum" in words and isinstance(leaf, Real):
                 _require_number(name, cast("float", leaf), words, value)
 
 

@@ -15,17 +15,17 @@ from rona_core.devices.settings import DeviceSettings
 from rona_core.devices.wrench import ForceSensor
 
 Origin = Literal["VIRTUAL", "REPLAY", "REAL"]
-Cancel = Callable[[], bool]  # True once somebody pressed Cancel or Stop
+Cancel = Callable[[], bool]  # True once Cancel or Stop was pressed
 Progress = Callable[[float], None]  # 0 to 1
 
 
 def never() -> bool:
-    """Nobody cancels: the default of ``cancel``."""
+    """Return False, never cancelled: the default of ``cancel``."""
     return False
 
 
 def silent(share: float) -> None:
-    """Nobody watches: the default of ``progress``."""
+    """Ignore the progress: the default of ``progress``."""
 
 
 class Work(TypedDict, total=False):
@@ -190,7 +190,7 @@ class Operator(Protocol):
         ...
 
     def pivot_by_hand(self, *, duration_s: float) -> float:
-        """Hold the tip in a dimple while somebody turns the pointer by :meth:`turn`."""
+        """Hold the tip in a dimple while a person turns the pointer by :meth:`turn`."""
         ...
 
     def turn(self, wxyz: ArrayLike) -> None:
@@ -199,7 +199,7 @@ class Operator(Protocol):
         Safe from any thread, the last one counts; the hand follows at its own speed.
 
         Raises:
-            DeviceError: nobody pivots by hand.
+            DeviceError: no pivot by hand is under way.
         """
         ...
 
@@ -208,7 +208,7 @@ class Operator(Protocol):
         ...
 
     def in_hand(self) -> bool:
-        """Return whether somebody pivots by hand and has not finished."""
+        """Return whether a pivot by hand is under way."""
         ...
 
     def sweep(self, *, duration_s: float) -> float:
@@ -239,7 +239,7 @@ class Operator(Protocol):
         ...
 
     def stroke(self, picks_base: ArrayLike, *, duration_s: float) -> float:
-        """Follow places (n, 3) that somebody pointed at on the drawn skull, touching each."""
+        """Follow places (n, 3) chosen on the drawn skull, touching each."""
         ...
 
 

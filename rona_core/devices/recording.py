@@ -86,7 +86,7 @@ class Recording:
             tools = [sample.tool for sample in frame.tools]
             if tools != names:
                 raise InvalidInputError(
-                    f"frame {frame.number} tells of {', '.join(tools) or 'no tools'}, "
+                    f"frame {frame.number} has {', '.join(tools) or 'no tools'}, "
                     f"the first one of {', '.join(names) or 'no tools'}"
                 )
         columns = [_column([frame.tools[k] for frame in frames]) for k in range(len(names))]

@@ -78,7 +78,7 @@ class ToolColumn:
 
 
 class LateSamples(Sequence[ToolSample]):
-    """The samples of all tools in one of many frames, each worked out when it is asked for."""
+    """The samples of all tools in one of many frames, each computed on access."""
 
     __slots__ = ("_columns", "row")
 

@@ -2,18 +2,17 @@
 
 import unicodedata
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal, get_args
+from typing import ClassVar, Literal
 
-from rona_core.devices.limits import limited, number, require_limits
-from rona_core.devices.limits import require as require  # the same for other settings
-from rona_core.devices.limits import require_within as require_within
+from rona_core.devices.limits import choice, limited, number, require_limits, switch
+from rona_core.devices.probes import PROBE_DATA
+from rona_core.devices.robots import ROBOTS
 
 HIDDEN = ("Cc", "Cf", "Cs", "Zl", "Zp")  # Unicode categories of what cannot be seen in a name
 STRICT = {"extra": "forbid", "allow_inf_nan": False}  # how a web layer parses these classes
 
 TrackerProfile = Literal["ideal", "polaris", "white035", "spectra", "vega"]
 PointerKind = Literal["pointer6d", "pointer5d"]
-ProbeName = Literal["2.25MHz", "1MHz"]
 Excitation = Literal["pulse", "chirp"]
 PulseShape = Literal["resonant", "damped", "double", "ringing"]
 
@@ -40,10 +39,12 @@ class TrackerPlace:
 
     __pydantic_config__: ClassVar = STRICT
 
-    shift_mm: tuple[float, float, float] = number(  # along the axes of ``base``
-        (0.0, 0.0, 0.0), "Tracker shift", "mm", -500.0, 500.0, 1.0
+    shift_mm: tuple[float, float, float] = number(
+        (0.0, 0.0, 0.0), "Tracker shift", "mm", -500.0, 500.0, 1.0, hint="Along x, y, z of the base"
     )
-    turn_deg: float = number(0.0, "Tracker rotation", "deg", -20.0, 20.0, 0.5)
+    turn_deg: float = number(
+        0.0, "Tracker rotation", "deg", -20.0, 20.0, 0.5, hint="About the vertical"
+    )
 
     def __post_init__(self) -> None:
         require_limits(self)
@@ -61,24 +62,49 @@ class TrackerSettings:
 
     __pydantic_config__: ClassVar = STRICT
 
-    profile: TrackerProfile = "polaris"
-    rate_hz: float = number(60.0, "Rate", "Hz", 20.0, 60.0, 1.0)
+    profile: TrackerProfile = choice(
+        "polaris",
+        "Tracker",
+        {
+            "polaris": "Polaris (0.35 mm RMS)",
+            "spectra": "Spectra (0.25 mm RMS)",
+            "vega": "Vega (0.12 mm RMS)",
+            "white035": "White noise 0.35 mm",
+            "ideal": "Without noise",
+        },
+        "Optical tracker that is simulated, with its published noise",
+    )
+    rate_hz: float = number(
+        60.0, "Rate", "Hz", 20.0, 60.0, 1.0, hint="Frames of the tracker in a second"
+    )
     hidden_tools: tuple[str, ...] = limited((), enum=TOOLS)  # tools that are covered up
-    stereo: bool = True  # errors grow with the distance, as those of two cameras do
-    # error in depth over error in either lateral direction
-    depth_ratio: float = number(3.0, "Depth ratio", "", 1.0, 8.0, 0.5)
-    occlusion: bool = True  # head, robot and hand can hide single markers
-    # of the frames of a 5D tool: two markers taken for each other
-    phantom_share: float = number(0.0, "Ghost solutions", "", 0.0, 0.2, 0.01)
-    # from measurement to arrival; None: as the profile has it
-    latency_ms: float | None = number(None, "Latency", "ms", 0.0, 200.0, 1.0)
-    # by which a cold tracker is off; it decays while it warms up
-    drift_mm: float = number(0.0, "Warm-up drift", "mm", 0.0, 2.0, 0.1)
-    # since it was switched on, when the first capture begins
-    minutes_on: float = number(60.0, "Warm-up time", "min", 0.0, 600.0, 1.0)
-    # of the frames, which never arrive
-    dropped_share: float = number(0.0, "Frame loss", "", 0.0, 0.5, 0.01)
-    place: TrackerPlace = FIRST_PLACE  # somebody may move it between captures
+    stereo: bool = switch(True, "Stereo error model", "Error grows with the distance")
+    depth_ratio: float = number(
+        3.0, "Depth ratio", "", 1.0, 8.0, 0.5, hint="Ratio of depth error to lateral error"
+    )
+    occlusion: bool = switch(True, "Simulate occlusion", "Head, robot and hand hide markers")
+    phantom_share: float = number(
+        0.0, "Ghost solutions", "", 0.0, 0.2, 0.01, hint="5D tools seen reversed", percent=True
+    )
+    latency_ms: float | None = number(
+        None,
+        "Latency",
+        "ms",
+        0.0,
+        200.0,
+        1.0,
+        hint="From measurement to arrival; null: of the profile",
+    )
+    drift_mm: float = number(
+        0.0, "Warm-up drift", "mm", 0.0, 2.0, 0.1, hint="At switch-on; decays with time"
+    )
+    minutes_on: float = number(
+        60.0, "Warm-up time", "min", 0.0, 600.0, 1.0, hint="From switch-on to the first capture"
+    )
+    dropped_share: float = number(
+        0.0, "Frame loss", "", 0.0, 0.5, 0.01, hint="Share of lost frames", percent=True
+    )
+    place: TrackerPlace = FIRST_PLACE  # it may be moved between captures
 
     def __post_init__(self) -> None:
         require_limits(self)
@@ -90,30 +116,48 @@ class TrackerSettings:
         return stated / 1000.0
 
 
-ROBOTS = {"rx90": "Stäubli RX90", "ur5": "UR5", "ur10": "UR10"}  # what people call them
-
-
 @dataclass(frozen=True, slots=True)
 class ContactSettings:
     """Force control of the probe; ``docs/algorithms/robot/force_control.md`` explains each."""
 
     __pydantic_config__: ClassVar = STRICT
 
-    # set point, along the tool axis
-    force_n: float = number(3.0, "Contact force", "N", 0.5, 8.0, 0.5)
-    period_ms: float = number(16.0, "Control period", "ms", 1.0, 50.0, 1.0)  # of the loop
-    # from a correction that is sent to the robot beginning it
-    delay_ms: float = number(32.0, "Robot delay", "ms", 0.0, 200.0, 1.0)
-    # time constant with which the robot then follows
-    lag_ms: float = number(20.0, "Robot lag", "ms", 1.0, 200.0, 1.0)
-    # the correction may go this far either way from the certified motion
-    travel_mm: float = number(5.0, "Max. correction", "mm", 1.0, 10.0, 0.5)
-    # closing speed until the probe is pressed on
-    approach_mm_per_s: float = number(2.0, "Approach speed", "mm/s", 0.2, 10.0, 0.2)
-    # above it the scan halts and the probe yields
-    monitor_n: float = number(10.0, "Soft force limit", "N", 1.5, 30.0, 0.5, above=("force_n", 1.0))
-    # above it everything stops
-    stop_n: float = number(20.0, "Hard force limit", "N", 2.5, 50.0, 0.5, above=("monitor_n", 1.0))
+    force_n: float = number(3.0, "Contact force", "N", 0.5, 8.0, 0.5, hint="Along the tool axis")
+    period_ms: float = number(
+        16.0, "Control period", "ms", 1.0, 50.0, 1.0, hint="Time between two corrections"
+    )
+    delay_ms: float = number(
+        32.0, "Robot delay", "ms", 0.0, 200.0, 1.0, hint="Dead time before the robot follows"
+    )
+    lag_ms: float = number(
+        20.0, "Robot lag", "ms", 1.0, 200.0, 1.0, hint="Time constant with which the robot follows"
+    )
+    travel_mm: float = number(
+        5.0, "Max. correction", "mm", 1.0, 10.0, 0.5, hint="Off the plan, either way"
+    )
+    approach_mm_per_s: float = number(
+        2.0, "Approach speed", "mm/s", 0.2, 10.0, 0.2, hint="Speed towards the bone before contact"
+    )
+    monitor_n: float = number(
+        10.0,
+        "Soft force limit",
+        "N",
+        1.5,
+        30.0,
+        0.5,
+        hint="The scan halts and the probe yields",
+        above=("force_n", 1.0),
+    )
+    stop_n: float = number(
+        20.0,
+        "Hard force limit",
+        "N",
+        2.5,
+        50.0,
+        0.5,
+        hint="The robot stops",
+        above=("monitor_n", 1.0),
+    )
 
     def __post_init__(self) -> None:
         require_limits(self)
@@ -130,18 +174,33 @@ class RobotSettings:
 
     __pydantic_config__: ClassVar = STRICT
 
-    model: str = "rx90"
-    errors: bool = True  # systematic field, repeatability and orientation error
-    scan_speed_mm_per_s: float = number(20.0, "Scan speed", "mm/s", 0.5, 100.0, 1.0)
-    # from the default place
-    base_shift_mm: tuple[float, float, float] = number(
-        (0.0, 0.0, 0.0), "Base shift", "mm", -2000.0, 2000.0, 1.0
+    model: str = choice(
+        "rx90",
+        "Arm",
+        {name: one.title for name, one in ROBOTS.items()},
+        "Robot that holds the probe",
     )
-    # about the vertical
-    base_turn_deg: float = number(0.0, "Base rotation", "deg", -180.0, 180.0, 1.0)
+    # systematic field, repeatability and orientation error
+    errors: bool = switch(True, "Simulate robot error", "0.35 mm RMS over its workspace")
+    scan_speed_mm_per_s: float = number(
+        20.0, "Scan speed", "mm/s", 0.5, 100.0, 1.0, hint="Speed of the probe along the path"
+    )
+    base_shift_mm: tuple[float, float, float] = number(
+        (0.0, 0.0, 0.0),
+        "Base shift",
+        "mm",
+        -2000.0,
+        2000.0,
+        1.0,
+        hint="From its default place, in x, y and z",
+    )
+    base_turn_deg: float = number(
+        0.0, "Base rotation", "deg", -180.0, 180.0, 1.0, hint="About the vertical"
+    )
     contact: ContactSettings | None = ContactSettings()  # None: driven by position alone
-    # by which joint angles arrive later than they were read
-    latency_ms: float = number(8.0, "Latency", "ms", 0.0, 100.0, 1.0)
+    latency_ms: float = number(
+        8.0, "Latency", "ms", 0.0, 100.0, 1.0, hint="From reading joint angles to their arrival"
+    )
 
     def __post_init__(self) -> None:
         require_limits(self)
@@ -156,25 +215,56 @@ class ProbeSettings:
 
     __pydantic_config__: ClassVar = STRICT
 
-    name: ProbeName = "2.25MHz"
-    excitation: Excitation = "chirp"
-    # front echo peak over in-band noise rms, perpendicular contact
-    front_snr_db: float = number(50.0, "SNR", "dB", 0.0, 90.0, 1.0)
-    # distance between A-scans along the path
-    pitch_mm: float = number(1.0, "Pitch", "mm", 0.2, 10.0, 0.1)
+    name: str = choice(
+        "2.25MHz",
+        "Probe",
+        {name: one.title for name, one in PROBE_DATA.items()},
+        "Ultrasound probe; the table below compares what each can measure",
+    )
+    excitation: Excitation = choice(
+        "chirp",
+        "Excitation",
+        {"chirp": "Chirp", "pulse": "Pulse"},
+        "Signal that is sent: a chirp is compressed afterwards, a pulse is not",
+    )
+    front_snr_db: float = number(
+        50.0, "SNR", "dB", 0.0, 90.0, 1.0, hint="Front echo peak over in-band RMS noise"
+    )
+    pitch_mm: float = number(
+        1.0, "Pitch", "mm", 0.2, 10.0, 0.1, hint="Distance between A-scans along the path"
+    )
     # what a probe may be made of: the echo of its line comes before its record ends
-    centre_mhz: float | None = number(None, "Centre frequency", "MHz", 0.5, 5.0, 0.05)
-    # full width at -6 dB over the centre frequency
-    bandwidth: float | None = number(None, "Relative bandwidth", "", 0.2, 0.9, 0.02)
-    # diameter of the crystal
-    aperture_mm: float | None = number(None, "Element diameter", "mm", 3.0, 20.0, 0.1)
-    line_length_mm: float | None = number(None, "Delay line length", "mm", 8.0, 25.0, 0.5)
-    pulse_shape: PulseShape | None = limited(None, enum=get_args(PulseShape))
-    adc_bits: int | None = number(None, "ADC resolution", "bit", 6, 16, 1)
-    # of the receiver, over the one at which a front echo fills half its scale
-    gain_db: float = number(0.0, "Gain", "dB", -20.0, 40.0, 1.0)
-    # that the line really has; its echo is timed for ROOM_C
-    line_temperature_c: float = number(ROOM_C, "Line temperature", "°C", 10.0, 45.0, 1.0)
+    centre_mhz: float | None = number(
+        None, "Centre frequency", "MHz", 0.5, 5.0, 0.05, hint="Higher resolves thinner bone"
+    )
+    bandwidth: float | None = number(
+        None, "Relative bandwidth", "", 0.2, 0.9, 0.02, hint="At -6 dB, over the centre frequency"
+    )
+    aperture_mm: float | None = number(
+        None, "Element diameter", "mm", 3.0, 20.0, 0.1, hint="Of the transducer element"
+    )
+    line_length_mm: float | None = number(
+        None, "Delay line length", "mm", 8.0, 25.0, 0.5, hint="Length of the elastomer"
+    )
+    pulse_shape: PulseShape | None = choice(
+        None,
+        "Pulse",
+        {"resonant": "Resonant", "damped": "Damped", "double": "Two lobes", "ringing": "Ringing"},
+        "As measured on a block",
+    )
+    adc_bits: int | None = number(None, "ADC resolution", "bit", 6, 16, 1, hint="Of the receiver")
+    gain_db: float = number(
+        0.0,
+        "Gain",
+        "dB",
+        -20.0,
+        40.0,
+        1.0,
+        hint="0: a front echo fills half the scale of the receiver",
+    )
+    line_temperature_c: float = number(
+        ROOM_C, "Line temperature", "°C", 10.0, 45.0, 1.0, hint="The line slows sound when warm"
+    )
 
     def __post_init__(self) -> None:
         require_limits(self)
@@ -187,4 +277,9 @@ class DeviceSettings:
     tracker: TrackerSettings = field(default_factory=TrackerSettings)
     robot: RobotSettings = field(default_factory=RobotSettings)
     probe: ProbeSettings = field(default_factory=ProbeSettings)
-    pointer: PointerKind = "pointer6d"
+    pointer: PointerKind = choice(
+        "pointer6d",
+        "Pointer",
+        {"pointer6d": "6D", "pointer5d": "5D"},
+        "6D: rigid marker body with its full pose; 5D: markers along the shaft",
+    )

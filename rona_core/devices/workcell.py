@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from rona_core.devices.limits import limited, number, require, require_limits
+from rona_core.devices.limits import limited, number, require, require_limits, switch
 from rona_core.devices.settings import STRICT, RobotSettings
 from rona_core.errors import NotFoundError
 from rona_core.geometry.pose import Pose
@@ -35,9 +35,13 @@ class RoomBox:
     __pydantic_config__: ClassVar = STRICT
 
     name: str = limited(**BOX_NAME)
-    center_mm: Triple = number(MISSING, "Centre", "mm", -FAR_MM, FAR_MM, 1.0)  # in the room
-    size_mm: Triple = number(MISSING, "Size", "mm", 1.0, FAR_MM, 1.0)  # along its own x, y and z
-    turn_deg: float = number(0.0, "Rotation", "deg", -180.0, 180.0, 5.0)  # about the vertical
+    center_mm: Triple = number(
+        MISSING, "Centre", "mm", -FAR_MM, FAR_MM, 1.0, hint="x, y, z in the work cell"
+    )
+    size_mm: Triple = number(
+        MISSING, "Size", "mm", 1.0, FAR_MM, 1.0, hint="Along its own x, y and z"
+    )
+    turn_deg: float = number(0.0, "Rotation", "deg", -180.0, 180.0, 5.0, hint="About the vertical")
 
     def __post_init__(self) -> None:
         require_limits(self)
@@ -51,22 +55,43 @@ class Surroundings:
 
     __pydantic_config__: ClassVar = STRICT
 
-    table: bool = True
-    # middle of the top, from the place of work
-    table_center_mm: Triple = number((630.0, 0.0, -175.0), "Table top", "mm", -FAR_MM, FAR_MM, 1.0)
-    # along x, along y, thickness
-    table_size_mm: Triple = number((1500.0, 600.0, 60.0), "Table size", "mm", 1.0, FAR_MM, 1.0)
-    # height of the floor, or of the pedestal the robot stands on
-    floor_mm: float = number(0.0, "Floor height", "mm", -FAR_MM, FAR_MM, 10.0)
-    # middle of the head below the place of work, until it is touched
-    head_below_mm: float = number(90.0, "Head depth", "mm", -500.0, 500.0, 5.0)
-    # of the pole of the tracker with what hangs on it
-    stand_radius_mm: float = number(120.0, "Tracker stand", "mm", 10.0, 1000.0, 10.0)
-    # of everything but the probe from the head
-    head_margin_mm: float = number(10.0, "Head clearance", "mm", 0.0, 200.0, 1.0)
-    margin_mm: float = number(20.0, "Obstacle clearance", "mm", 0.0, 200.0, 1.0)
-    # between parts of the robot
-    self_margin_mm: float = number(5.0, "Self-clearance", "mm", 0.0, 50.0, 1.0)
+    table: bool = switch(True, "Table", "The table below the head is an obstacle")
+    table_center_mm: Triple = number(
+        (630.0, 0.0, -175.0), "Table top", "mm", -FAR_MM, FAR_MM, 1.0, hint="Offset from the region"
+    )
+    table_size_mm: Triple = number(
+        (1500.0, 600.0, 60.0), "Table size", "mm", 1.0, FAR_MM, 1.0, hint="x, y, thickness"
+    )
+    floor_mm: float = number(
+        0.0,
+        "Floor height",
+        "mm",
+        -FAR_MM,
+        FAR_MM,
+        10.0,
+        hint="Height of the floor or of the pedestal",
+    )
+    head_below_mm: float = number(
+        90.0,
+        "Head depth",
+        "mm",
+        -500.0,
+        500.0,
+        5.0,
+        hint="Head centre below the region, before step 4",
+    )
+    stand_radius_mm: float = number(
+        120.0, "Tracker stand", "mm", 10.0, 1000.0, 10.0, hint="Radius of the stand of the tracker"
+    )
+    head_margin_mm: float = number(
+        10.0, "Head clearance", "mm", 0.0, 200.0, 1.0, hint="Except for the probe"
+    )
+    margin_mm: float = number(
+        20.0, "Obstacle clearance", "mm", 0.0, 200.0, 1.0, hint="All but the head"
+    )
+    self_margin_mm: float = number(
+        5.0, "Self-clearance", "mm", 0.0, 50.0, 1.0, hint="Between links of the robot"
+    )
     # what else stands in the room, by name
     boxes: tuple[RoomBox, ...] = limited((), maxItems=MOST_BOXES)
 

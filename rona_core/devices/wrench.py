@@ -5,7 +5,7 @@ the tool and what touches it act on the sensor.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -73,6 +73,8 @@ class ToolLoad:
     residual_n: float  # RMS of the forces that the fit leaves over, per axis
     residual_nmm: float  # the same of the torques
     n_poses: int
+    # standard deviation of the mass by the residual; 0 in files of earlier versions
+    mass_sigma_kg: float = field(default=0.0, metadata={"omit_empty": True})
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -32,17 +32,6 @@ if TYPE_CHECKING:
 
 LEAST_SAMPLES = 12  # that tell an error of the thickness
 
-KEYS = (
-    "outer_by_links_mm",
-    "outer_by_head_mm",
-    "outer_by_probe_mm",
-    "outer_by_sampling_mm",
-    "thickness_by_speed_mm",
-    "thickness_by_place_mm",
-    "thickness_by_echo_mm",
-    "thickness_by_interpolation_mm",
-)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _FirstPass:
@@ -75,7 +64,7 @@ def cause_figures(session: "Session", truth: Truth) -> Figures:
 
 
 def _led_back_mm(session: "Session", scan: "ScanCapture") -> Floats:
-    """Return by how much (n, 3) the probe was led back to where the head lay in step 4."""
+    """Return the correction (n, 3) of the probe for the head's motion since step 4."""
     watch, poses = watch_head(session, scan), POSES.read(session)
     back = None if watch is None else watch.back(scan.scans.times_s)
     if back is None or poses is None:
@@ -98,7 +87,7 @@ def _outer(first: _FirstPass, truth: Truth) -> Figures:
     head = np.einsum("ij,ij->i", outward, moved - first.led_back_mm)
     whole = outer_errors_mm(first.maps.outer_points_base[:n], truth, False)
     rest = (whole - links - head)[used]
-    # where the face is, how fast its line and what is under it cannot be told apart by echoes
+    # where the face is, how fast its line and what is under it cannot be separated by echoes
     probe = float(rest.mean())
     figures = {
         "outer_by_links_mm": rms(links[used]),
@@ -125,7 +114,7 @@ def _thickness(first: _FirstPass, truth: Truth) -> Figures:
     off = taken / true - 1.0  # of the speed, which with reference points differs by place too
     mean = float(off[sure].mean())
     echo = (measured - depth * taken / true)[sure]
-    # a late echo and a slow bone cannot be told apart, and reference points see both at once
+    # a late echo and a slow bone cannot be separated: reference points see their sum
     parts = {
         "speed": depth[sure] * mean + echo.mean(),
         "place": (depth * (off - mean))[sure],

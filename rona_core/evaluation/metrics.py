@@ -1,4 +1,4 @@
-"""All figures of one session against the truth of its virtual scene; docs/metrics.md defines them.
+"""All figures of one session against the truth of its virtual scene; ``figures.py`` declares them.
 
 A figure whose result is missing is None, so is one that compares a result with a capture which has
 been taken again since, and so is one whose capture came out of a file: there is no truth for what
@@ -8,9 +8,9 @@ was measured elsewhere.
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from rona_core.app.declarations.figures import FIGURES
 from rona_core.app.dependencies.staleness import made_of
 from rona_core.app.overview.predicted_accuracy import predicted_figures
-from rona_core.evaluation.error_causes import KEYS as CAUSE_KEYS
 from rona_core.evaluation.error_causes import cause_figures
 from rona_core.evaluation.figures import Figures
 from rona_core.evaluation.maps.bed_metrics import bed_figures
@@ -44,103 +44,21 @@ from rona_core.virtual.scene import VirtualScene
 if TYPE_CHECKING:
     from rona_core.session.document import Session
 
-KEYS = (
-    "tool_tip_error_mm",
-    "tool_tip_sigma_mm",
-    "pointer_tip_error_mm",
-    "pointer_tip_sigma_mm",
-    "tracker_registration_tre_mm",
-    "tracker_registration_sigma_mm",
-    "surface_points",
-    "surface_rms_mm",
-    "surface_sigma_predicted_mm",
-    "surface_tip_3d_rms_mm",
-    "skull_registration_tre_mm",
-    "skull_registration_sigma_mm",
-    "path_points_raw",
-    "path_points_smoothed",
-    "path_deviation_max_mm",
-    "path_deviation_raw_max_mm",
-    "normal_error_median_deg",
-    "normal_error_p95_deg",
-    "rolls_tried",
-    "rolls_feasible",
-    "roll_mode",
-    "min_clearance_mm",
-    "roll_variation_deg",
-    "min_joint_margin_deg",
-    "landmark_distance_mm",
-    "landmark_sigma_mm",
-    "scan_points",
-    "second_pass_points",
-    "second_pass_reason",
-    "references_reason",
-    "bed_reason",
-    "milling_reason",
-    "scan_duration_s",
-    "contact_force_rms_n",
-    "contact_force_peak_n",
-    "head_shift_mm",
-    "head_shift_sigma_mm",
-    "head_shift_error_mm",
-    "head_motion_mm",
-    "outer_rms_mm",
-    "inner_rms_mm",
-    "outer_same_robot_rms_mm",
-    "outer_other_roll_rms_mm",
-    "inner_same_robot_rms_mm",
-    "thickness_bias_mm",
-    "thickness_rms_mm",
-    "thickness_sigma_predicted_mm",
-    "scan_thickness_rms_mm",
-    "sound_speed_error_percent",
-    *CAUSE_KEYS,
-    "fused_outer_rms_mm",
-    "coverage_fraction",
-    "inner_coverage_fraction",
-    "inner_coverage_one_pass_fraction",
-    "detection_failure_fraction",
-    "unflagged_failure_fraction",
-    "flagged_fraction",
-    "burr_tip_error_mm",
-    "burr_tip_sigma_mm",
-    "bed_probability",
-    "bed_residual_mm",
-    "bed_residual_true_mm",
-    "rehearsal_residual_mm",
-    "rehearsal_residual_true_mm",
-    "rehearsal_raised_mm",
-    "rehearsal_raised_s",
-    "rehearsal_implant_high_mm",
-    "rehearsal_rock_mm",
-    "sono_face_error_mm",
-    "sono_axis_error_deg",
-    "sono_outer_rms_mm",
-    "sono_inner_rms_mm",
-    "sono_thickness_rms_mm",
-    "sono_coverage_fraction",
-    "sono_inner_coverage_fraction",
-    "completed",
-    "failed_step",
-    "reason",
-    "wall_s",
-)
-
 
 def evaluate(session: "Session", scene: VirtualScene) -> Figures:
-    """Return every figure of ``KEYS``, in that order.
+    """Return every figure of ``FIGURES``, in that order.
 
     Args:
         session: The session, with whatever results it has so far.
         scene: The ground truth: seed and specimen of the same session. Where its settings are
             not those of the session any more, it is built anew.
 
-    ``wall_s`` is left None: only whoever ran the procedure knows it.
+    ``wall_s`` is left None: the caller that ran the procedure sets it.
     """
     if scene.settings != session.setup.devices:
         scene = build_scene(scene.seed, scene.specimen, session.setup.devices, scene.world)
     truth = truth_of(session, scene)
-    figures: Figures = dict.fromkeys(KEYS)
+    figures: Figures = dict.fromkeys(FIGURES)
     for part in (_navigation, _path, _scan, bed_figures, rehearsal_figures):
         figures |= part(session, truth)
     figures |= _by_hand(session, Truth(scene, truth.postures))  # which nothing leads back to step 4

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rona_core.robot.planning.plan import RobotPlan
     from rona_core.session.document import Session
 
-PATTERN = "GenerateScanPattern"  # the message that makes a path that nobody demonstrated
+PATTERN = "GenerateScanPattern"  # the message that makes a path without a demonstration
 
 
 def smoothing_figures(session: "Session") -> Figures:

@@ -48,7 +48,7 @@ class Truth:
         postures: ScanPostures | None = None,
         head_base: Vector3 = REST,
     ) -> None:
-        """Look at this scene with the head where it lay in step 4; `truth_of` tells that."""
+        """Look at this scene with the head where it lay in step 4, see `truth_of`."""
         self.scene, self.postures, self.head_base = scene, postures, head_base
         rest = scene.T_base_skull
         self.T_base_skull = Pose(rest.rotation, rest.translation + head_base)

@@ -112,12 +112,12 @@ def build_maps(
             in those of the maps.
         cell_mm: Width of a cell.
         probe: That took the A-scans; None: the one that the detection names, unchanged.
-        progress: Told the share that is done.
+        progress: Receives the share that is done, 0 to 1.
         cancel: Asked between the parts.
 
     Raises:
         DegenerateGeometryError: too few A-scans have an outer boundary, or they lie on a line.
-        CancelledError: somebody cancelled.
+        CancelledError: ``cancel`` returned True.
     """
     outer = build_outer_maps(
         found, cloud_points_base, cell_mm=cell_mm, probe=probe, progress=progress, cancel=cancel

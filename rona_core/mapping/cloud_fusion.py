@@ -133,8 +133,8 @@ def _laid(
     off, normals = _off(cells, plate)
     scale = mad_sigma(fit.distances_mm, floor=LEAST_SCALE_MM)
     alone = ultrasound.query(cells[:, :2])[0] > overlap_mm  # nothing speaks against these
-    # as A-scans do, it counts as it scatters about its own surface: what it is off the map by is
-    # the map's error as much as its own, and what all points share is in the motion
+    # weighted, as A-scans are, by its scatter about its own surface: its distance from the map is
+    # the map's error as much as its own, and the error shared by all points is in the motion
     variance = fit_field(cells[:, :2], cells[:, 2]).scatter_mm ** 2 + ROUGHNESS_MM**2
     samples = SurfaceSamples(
         points_map=cells,
@@ -144,14 +144,14 @@ def _laid(
         motion=fit.covariance,
     )
     scaled = fit.information / np.outer(*[np.array((1.0,) * 3 + (ARM_MM,) * 3)] * 2)
-    told = CloudFit(
+    cloud_fit = CloudFit(
         correction=fit.correction,
         rms_mm=float(np.sqrt(np.mean(fit.distances_mm**2))),
         n_used=len(seen),
         eigenvalues=readonly(np.asarray(np.linalg.eigvalsh(scaled), dtype=np.float64)),
         covariance=readonly(fit.covariance),
     )
-    return _Laid(samples, told, scale)
+    return _Laid(samples, cloud_fit, scale)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -19,7 +19,7 @@ CELL_MM = 1.0
 def coarse_map(T_base_map: Pose, points_base: Floats) -> BoundaryMap | None:
     """Return the boundary through points (n, 3); None while they are few, or lie on a line.
 
-    Neither is the stiffness of the plate chosen nor are points led back to a curved bone: step 9
+    The stiffness of the plate is not chosen, and points are not corrected for curved bone: step 9
     does both. It takes some 50 ms.
     """
     points = (T_base_map.inv() @ points_base)[:: 1 + len(points_base) // MOST_SAMPLES]

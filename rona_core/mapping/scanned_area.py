@@ -28,7 +28,7 @@ def require_area(points: Floats, axes: Floats) -> None:
     """Refuse points that lie in a strip of a row or two.
 
     A row over a dome lies in a plane of its own, and echoes of neighbouring rows are those of much
-    the same bone: nothing tells how it runs across.
+    the same bone: its course across the gap is not measured.
 
     Args:
         points: Of the outer boundary (n, 3), in mm, n >= 3.

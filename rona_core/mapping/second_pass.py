@@ -18,7 +18,7 @@ from scipy.ndimage import (
     map_coordinates,
 )
 
-from rona_core.devices.limits import limited, require, require_limits
+from rona_core.devices.limits import number, require, require_limits
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Poses
@@ -43,11 +43,15 @@ FAN = ((0.0, 0.0), (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
 class SecondPassSettings:
     """How the gaps of the inner map are scanned again."""
 
-    spacing_mm: float = limited(2.0, minimum=0.5, maximum=5.0)  # between rows
-    # change of the assumed slope of the inner table from row to row
-    fan: float = limited(0.10, minimum=0.0, maximum=0.5)
-    # of the probe from the normal: more breaks its contact
-    largest_lean_deg: float = limited(6.0, minimum=0.5, maximum=15.0)
+    spacing_mm: float = number(
+        2.0, "Row spacing", "mm", 0.5, 5.0, 0.5, hint="Distance between two rows of the second pass"
+    )
+    fan: float = number(
+        0.10, "Slope spread", "", 0.0, 0.5, 0.05, hint="Of the inner table, between rows (mm/mm)"
+    )
+    largest_lean_deg: float = number(
+        6.0, "Max. tilt", "deg", 0.5, 15.0, 0.5, hint="Above about 6° the probe face loses contact"
+    )
 
     def __post_init__(self) -> None:
         require_limits(self)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.devices.settings import require_within
+from rona_core.devices.limits import require_within
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, as_floats, readonly
 

@@ -2,8 +2,7 @@
 
 A value is foretold as the one before it along an axis. The remainders are small integers: their
 sign moves into the lowest bit, and equal bytes of all values come to lie side by side, where
-deflate finds them. Older files foretell a sample of a sampled signal by a linear filter over the
-samples before it; that is only read.
+deflate finds them.
 """
 
 import math
@@ -17,9 +16,6 @@ from rona_core.errors import SessionFormatError
 
 Integers = NDArray[Any]
 SMALLEST_BYTES = 512  # smaller arrays are left as they are
-TAP_SHIFT = 10  # a filter weight of 1 is 2**10
-MAX_TAPS = 64
-LINES = 4096  # of a record, unpacked at once
 AT_ONCE = 65536  # values whose bits are counted at once
 DTYPES = tuple(f"<{kind}{size}" for kind in "fiu" for size in (2, 4, 8))
 
@@ -31,8 +27,6 @@ class Recipe:
     dtype: str
     shape: tuple[int, ...]
     axis: int | None = None  # along which differences stand, None for values as they are
-    taps: tuple[int, ...] = ()  # of older files: weights of the samples before, in 1/1024
-    step: int = 1  # of the converter, in whole numbers
 
 
 def pack(array: NDArray[Any]) -> tuple[NDArray[np.uint8], Recipe] | None:
@@ -62,11 +56,7 @@ def unpack(stored: NDArray[Any], recipe: Recipe, where: str) -> NDArray[Any]:
         raise SessionFormatError(f"{where}: its bytes are not packed in the way that is said")
     folded = np.array(stored.T, order="C").view(f"<u{recipe.dtype[2]}")
     rest = _unfolded(folded.reshape(recipe.shape))
-    if recipe.taps:
-        for i in range(0, len(rest), LINES):  # some at a time: on the way they take 32 bits
-            lines = _rebuilt(rest[i : i + LINES], recipe.taps)
-            rest[i : i + LINES] = lines * np.int32(recipe.step)
-    elif recipe.axis is not None:
+    if recipe.axis is not None:
         np.add.accumulate(rest, axis=recipe.axis, out=rest)
     return rest.view(recipe.dtype)
 
@@ -106,24 +96,10 @@ def _unfolded(folded: Integers) -> Integers:
     return values
 
 
-def _rebuilt(rest: Integers, taps: tuple[int, ...]) -> NDArray[np.int32]:
-    """Return the samples whose remainders are ``rest``; time runs along the last axis."""
-    n_taps, (n_lines, n) = len(taps), rest.shape
-    samples = np.zeros((n_taps + n, n_lines), dtype=np.int32)  # time first, silence before it
-    weights = np.array(taps[::-1], dtype=np.int32)
-    for i, remainder in enumerate(rest.T):
-        total = weights @ samples[i : i + n_taps] + np.int32(2 ** (TAP_SHIFT - 1))
-        samples[n_taps + i] = (remainder + (total >> TAP_SHIFT)).astype(np.int16)
-    return np.ascontiguousarray(samples[n_taps:].T)
-
-
 def _fits(stored: NDArray[Any], recipe: Recipe) -> bool:
-    shape, taps = recipe.shape, recipe.taps
+    shape = recipe.shape
     if recipe.dtype not in DTYPES or not shape or min(shape) < 0:
         return False
     if stored.dtype != np.uint8 or stored.shape != (int(recipe.dtype[2]), math.prod(shape)):
         return False
-    if not taps:
-        return recipe.axis is None or 0 <= recipe.axis < len(shape)
-    sampled = recipe.dtype == "<i2" and len(shape) == 2 and len(taps) <= min(MAX_TAPS, shape[1])
-    return sampled and max(map(abs, taps)) <= 2**15 and 1 <= recipe.step <= 2**15
+    return recipe.axis is None or 0 <= recipe.axis < len(shape)

@@ -24,20 +24,20 @@ class ToolCapture:
     dwell_end_s: Floats  # (n,)
     phases: Ints  # (n,) 0 pivot, 1 along tool x, 2 along tool y
     partial: bool = False
-    base: ToolTrack | None = None  # the base marker meanwhile; None: nobody recorded it
+    base: ToolTrack | None = None  # the base marker meanwhile; None: not recorded
     tracker_place: TrackerPlace = FIRST_PLACE  # as the set-up had it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PointerCapture:
-    """Steps 3, 4 and 5: the pointer marker while somebody pivots, sweeps or draws."""
+    """Steps 3, 4 and 5: the pointer marker during a pivot, a sweep or a demonstrated path."""
 
     ordinal: int
     setup_digest: str
     pointer: str  # which one, see devices.settings
     marker: ToolTrack
     partial: bool = False
-    base: ToolTrack | None = None  # the base marker meanwhile; None: nobody recorded it
+    base: ToolTrack | None = None  # the base marker meanwhile; None: not recorded
     tracker_place: TrackerPlace = FIRST_PLACE  # as the set-up had it
     head: ToolTrack | None = field(default=None, metadata=OMIT_EMPTY)  # likewise, of the head
     # (m, 3) mm, markers of an imported pivot, where its files have them
@@ -56,7 +56,9 @@ class ScanCapture:
     forces: ForceTrack | None = None  # None: driven by position alone
     clock_scans: AScanTrack | None = None  # while pressing on and lifting: they tell the delay
     base: ToolTrack | None = field(default=None, metadata=OMIT_EMPTY)  # the markers meanwhile, at a
-    head: ToolTrack | None = field(default=None, metadata=OMIT_EMPTY)  # slow pace; None: nobody did
+    head: ToolTrack | None = field(
+        default=None, metadata=OMIT_EMPTY
+    )  # slow pace; None: not recorded
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,7 +93,7 @@ class SonoCapture:
     marker: ToolTrack
     scans: AScanTrack
     partial: bool = False
-    base: ToolTrack | None = None  # the base marker meanwhile; None: nobody recorded it
+    base: ToolTrack | None = None  # the base marker meanwhile; None: not recorded
     tracker_place: TrackerPlace = FIRST_PLACE  # as the set-up had it
 
 

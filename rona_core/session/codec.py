@@ -1,6 +1,6 @@
 """Turn frozen dataclasses into plain JSON values and named arrays, and back, by their type hints.
 
-Small arrays stay in the JSON; larger ones are collected under a name that tells where they belong.
+Small arrays stay in the JSON; larger ones are collected under the name of their place.
 Nothing is ever pickled: only the classes that the type hints name can come back. The fields of a
 part that is declared with ``field(metadata={"flatten": True})`` stand among those of its owner.
 """
@@ -184,7 +184,7 @@ def _decode_union(data: Any, options: tuple[Any, ...], arrays: Any, where: str) 
             return decode(data, option, arrays, where)
     plain = [o for o in options if o is not type(None) and not dataclasses.is_dataclass(o)]
     declared = [o for o in plain if OpenType in getattr(o, "__mro__", ())]
-    if declared and named is not None:  # its error tells what to import
+    if declared and named is not None:  # its error says what to import
         return decode(data, declared[0], arrays, where)
     for option in plain:
         try:

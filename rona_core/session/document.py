@@ -7,11 +7,18 @@ from datetime import UTC, datetime
 from functools import cache
 from typing import Any, Generic, Literal, TypeVar
 
+from rona_core import __version__
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.calibration.handheld.pointer import PointerCalibration
 from rona_core.calibration.handheld.tracked_probe import SonoCalibration
 from rona_core.calibration.surface_registration import SurfaceRegistration
-from rona_core.devices.limits import PLACE, limited, number, require, require_limits
+from rona_core.devices.limits import (
+    PLACE_MM,
+    number,
+    require,
+    require_limits,
+    switch,
+)
 from rona_core.devices.settings import DeviceSettings
 from rona_core.devices.workcell import Surroundings
 from rona_core.devices.world_settings import WorldSettings
@@ -45,7 +52,6 @@ from rona_core.ultrasound.detection.detect import Detection
 from rona_core.ultrasound.detection.manual_corrections import BoundaryEdits
 
 T = TypeVar("T")
-SEED = {"minimum": 0, "maximum": 2**31 - 1}  # one that all generators of random numbers take
 MAX_NAME = 200  # characters
 TITLE = {  # what a session may be called
     "minLength": 1,
@@ -60,10 +66,18 @@ PLAIN_ID = re.compile(r"(?!current$)[A-Za-z0-9_-]{1,64}")  # "current" stands fo
 class RegionChoice:
     """The disc to be scanned: its centre in coordinates of the specimen; None lets RONA choose."""
 
-    center_mesh_mm: tuple[float, float, float] | None = limited(
-        None, **PLACE, rule="on the outer surface of the skull; null lets RONA choose"
+    center_mesh_mm: tuple[float, float, float] | None = number(
+        None,
+        "Region centre",
+        "mm",
+        *PLACE_MM,
+        1.0,
+        none="RONA chooses",
+        rule="on the outer surface of the skull",
     )
-    radius_mm: float = number(25.0, "Region radius", "mm", 5.0, 45.0, 1.0)
+    radius_mm: float = number(
+        25.0, "Region radius", "mm", 5.0, 45.0, 1.0, hint="Of the skull to be scanned"
+    )
 
     def __post_init__(self) -> None:
         require_limits(self)
@@ -73,12 +87,15 @@ class RegionChoice:
 class Setup:
     """Step 1: what is scanned, with which devices, and the seed of all that is random."""
 
-    seed: int = limited(0, **SEED)
+    # all generators of random numbers take it
+    seed: int = number(0, "Seed", "", 0, 2**31 - 1, 1, hint="For patient, placement and noise")
     specimen: SimulatedSkull | LoadedSkull = field(default_factory=SimulatedSkull)
     region: RegionChoice = field(default_factory=RegionChoice)
     bone: BoneChoice = field(default_factory=BoneChoice)
     devices: DeviceSettings = field(default_factory=DeviceSettings)
-    use_base_marker: bool = True  # to find a tracker again that was moved after the registration
+    use_base_marker: bool = switch(
+        True, "Base marker", "Locates a displaced tracker, with some loss of accuracy"
+    )
     surroundings: Surroundings = field(default_factory=Surroundings)  # what collisions are with
     world: WorldSettings = field(default_factory=WorldSettings)  # of the virtual devices
 
@@ -163,6 +180,7 @@ class Derived(Generic[T]):
     message: str  # name of the command or activity that made it
     arguments: dict[str, object]  # its fields, plain values
     inputs: dict[str, str]  # input name -> digest
+    version: str = __version__  # of the program that made it
 
 
 @dataclass(frozen=True, slots=True)

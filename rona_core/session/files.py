@@ -1,7 +1,7 @@
 """Session files: one zip of JSON and arrays, written so that a crash loses nothing.
 
 The same document gives the same bytes. How it is read: ``members``. A temporary file beside each
-becomes it once it is whole; a lock tells which of them nobody writes any more.
+becomes it once it is whole; a lock distinguishes those that are still being written.
 """
 
 import contextlib
@@ -34,12 +34,12 @@ from rona_core.session.members import (
     LOG,
     MANIFEST,
     MAX_FILE_BYTES,
+    SCHEMA,
     Members,
     read_members,
     require_room,
     used_bytes,
 )
-from rona_core.session.migrate import SCHEMA, migrate
 
 SUFFIX = ".rona"
 NPY_VERSION = (1, 0)
@@ -113,15 +113,9 @@ def _npy(array: np.ndarray) -> bytes:
     return buffer.getvalue()
 
 
-def save_session(
-    session: Session, path: Path | str, *, backup: bool = True, quick: bool = False
-) -> Path:
-    """Write ``session`` to ``path`` atomically; the file that was there becomes ``.bak``.
-
-    Without ``backup`` the file that was there goes, once the new one is complete; ``quick`` as in
-    `session_bytes`.
-    """
-    return write_whole(Path(path), session_bytes(session, quick=quick), backup=backup)
+def save_session(session: Session, path: Path | str) -> Path:
+    """Write ``session`` to ``path`` atomically; the file that was there becomes ``.bak``."""
+    return write_whole(Path(path), session_bytes(session), backup=True)
 
 
 def write_whole(path: Path, data: bytes, *, backup: bool = False) -> Path:
@@ -269,7 +263,7 @@ def session_from_bytes(data: bytes, name: str = "upload") -> Session:
     """
     try:
         members = read_members(data, name)
-        manifest, arrays = migrate(_with_log(members)), members.arrays
+        manifest, arrays = _with_log(members), members.arrays
         document, copies = manifest.get("session"), manifest.get("copies", {})
         if not (isinstance(document, dict) and isinstance(copies, dict)):
             raise SessionFormatError(f"{name}: its manifest holds no session")
@@ -330,7 +324,7 @@ def _with_log(members: Members) -> dict[str, Any]:
 
 
 def lock_file(descriptor: int, *, wait: bool = False) -> bool:
-    """Lock an open file until it is closed; False where another holds it, unless told to wait.
+    """Lock an open file until it is closed; False where another holds it, unless ``wait``.
 
     The system lets go when the process ends, however it ends.
     """
@@ -351,21 +345,19 @@ def open_temporary(path: Path) -> tuple[int, Path]:
         os.close(descriptor)
 
 
-def remove_stale_temporaries(folder: Path, named: re.Pattern[str] = MADE) -> int:
+def remove_stale_temporaries(folder: Path) -> int:
     """Remove what programs that were killed left half written in ``folder``; return how many.
 
-    Args:
-        folder: Where to look; not in folders below it.
-        named: Names of temporary files of ours; all others stay.
+    Folders below it are not searched, and files of other names stay.
     """
     removed = 0
     for path in folder.glob(".*"):
-        if not named.fullmatch(path.name) or not path.is_file() or path.is_symlink():
+        if not MADE.fullmatch(path.name) or not path.is_file() or path.is_symlink():
             continue
         with contextlib.suppress(OSError):  # one that cannot be removed does no harm
             descriptor = os.open(path, os.O_RDWR)
             try:
-                if lock_file(descriptor):  # nobody writes it
+                if lock_file(descriptor):  # not being written
                     path.unlink()
                     removed += 1
             finally:

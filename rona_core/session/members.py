@@ -17,6 +17,7 @@ from rona_core.session.array_packing import Recipe, unpack
 from rona_core.session.codec import Arrays, decode, encode
 
 FORMAT = "rona-session"
+SCHEMA = 6  # of the manifest; raise it with every change that older files do not allow
 MANIFEST, LOG = "manifest.json", "commands.jsonl"
 MAX_MEMBERS = 20_000
 MAX_STORED_BYTES = 192 * 1024**2  # of all arrays of a file
@@ -190,7 +191,21 @@ def _manifest(text: bytes, name: str) -> dict[str, Any]:
         raise SessionFormatError(f"{name} is a zip, but not a session file of RONA")
     if not isinstance(manifest.get("sha256"), dict):
         raise SessionFormatError(f"{name}: its manifest lists no members")
+    _check_schema(manifest.get("schema"), str(manifest.get("app_version", "unknown"))[:40], name)
     return manifest
+
+
+def _check_schema(schema: Any, version: str, name: str) -> None:
+    if type(schema) is int and schema > SCHEMA:
+        raise SessionFormatError(
+            f"{name} has schema {str(schema)[:40]}, this program reads {SCHEMA}: it was saved by a "
+            f"newer RONA ({version}); update first"
+        )
+    if type(schema) is not int or schema != SCHEMA:
+        raise SessionFormatError(
+            f"{name} has schema {str(schema)[:40]!r}, this program reads {SCHEMA}: it was saved "
+            "before the first release, or is no session file; record it again"
+        )
 
 
 def _check_digest(data: bytes, member: str, digests: dict[str, Any], name: str) -> None:

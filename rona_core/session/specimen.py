@@ -4,11 +4,12 @@ Coordinates are those of the specimen (``skull``): for a file, the coordinates o
 """
 
 from dataclasses import dataclass, field
-from typing import ClassVar, Literal, get_args
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rona_core.devices.limits import choice, require_limits, switch
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, Vector3, readonly
 
@@ -23,11 +24,12 @@ class SimulatedSkull:
 
     __pydantic_config__: ClassVar = {"extra": "forbid", "allow_inf_nan": False}
 
-    side: Side = "left"
+    side: Side = choice(
+        "left", "Skull", {"left": "Simulated, left side", "right": "Simulated, right side"}
+    )
 
     def __post_init__(self) -> None:
-        if self.side not in ("left", "right"):
-            raise InvalidInputError(f"side must be 'left' or 'right', not {self.side!r}")
+        require_limits(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,13 +44,18 @@ class BoneChoice:
 
     __pydantic_config__: ClassVar = {"extra": "forbid", "allow_inf_nan": False}
 
-    kind: BoneKind = "normal"
-    own_speed: bool = True
+    kind: BoneKind = choice(
+        "normal",
+        "Bone",
+        {"normal": "Normal", "sharp": "Sharp diploe", "hard": "Hard: sharp, more scatter"},
+        "Known only to the virtual probe",
+    )
+    own_speed: bool = switch(
+        True, "Patient-specific speed", "Sound speed of bone differs by 3 % between patients"
+    )
 
     def __post_init__(self) -> None:
-        kinds = get_args(BoneKind)
-        if self.kind not in kinds:
-            raise InvalidInputError(f"bone must be one of {', '.join(kinds)}, not {self.kind!r}")
+        require_limits(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,7 +6,9 @@ import typing
 from functools import cache
 from typing import Any
 
-FLATTEN = "flatten"  # in the metadata of a field
+# in the metadata of a field:
+FLATTEN = "flatten"
+LEAST = "least"  # bound of an estimate: a value there resolves nothing, and is shown as none
 
 
 @cache

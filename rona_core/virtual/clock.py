@@ -15,7 +15,7 @@ class CaptureClock:
     """A clock in seconds that only :meth:`wait_until` moves; it satisfies ``devices.Clock``.
 
     With ``speed`` None a wait jumps to its end at once. With a number, the clock runs at that
-    multiple of real time while somebody waits, so that a capture can be watched at 1x or 4x. What
+    multiple of real time while a capture is awaited, so that it can be watched at 1x or 4x. What
     is measured depends on the time of the clock only, so the pace never changes a result.
     """
 
@@ -86,7 +86,7 @@ class CaptureClock:
         wall_s = self._wall()
         anchor_time_s, anchor_wall_s = self._anchor
         lag_s = wall_s - (anchor_wall_s + (self._time_s - anchor_time_s) / speed)
-        if lag_s > MAX_LAG_S:  # nobody waited for a while: go on from here, do not rush
+        if lag_s > MAX_LAG_S:  # nothing waited for a while: go on from here, do not rush
             self._sync()
             return (time_s - self._time_s) / speed
         due_s = anchor_time_s + (wall_s - anchor_wall_s) * speed

@@ -35,7 +35,7 @@ class HandMotion:
     """Tip and shaft of one pointer over time, in ``base``; outside its time it stays at the ends.
 
     The shaft points from the tip to the hand. Its markers are turned about the shaft towards the
-    tracker, as somebody does who watches the tracker's light.
+    tracker, as an operator does who watches the tracker's light.
     """
 
     def __init__(

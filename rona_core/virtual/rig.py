@@ -250,7 +250,7 @@ class VirtualRig:
         return self._tools.Ts_tracker_marker(tool, times_s)
 
     def sight(self, times_s: Floats) -> Sight:
-        """Return what tells which markers (n, m) of a tool at its true poses both cameras see."""
+        """Return the visibility of markers (n, m) of a tool at its true poses by both cameras."""
         return self._sight.at(times_s)
 
     def motion_key(self) -> Hashable | None:

@@ -11,7 +11,8 @@ from fastapi.exceptions import RequestValidationError
 from pydantic import AfterValidator
 from starlette.concurrency import run_in_threadpool
 
-from rona_core.devices.settings import hidden_characters, require
+from rona_core.devices.limits import require
+from rona_core.devices.settings import hidden_characters
 from rona_core.errors import storing
 from rona_core.session.files import open_temporary
 

@@ -14,6 +14,7 @@ from starlette.responses import Response
 
 from rona_core.errors import NotFoundError
 from rona_core.geometry.pose import Pose, Poses
+from rona_core.session.stored_fields import LEAST
 
 LONGEST_ARRAY = 2000  # values of an array that JSON holds, some 40 KB
 NPY = "application/octet-stream"
@@ -112,10 +113,16 @@ def _opened(value: Any) -> Any:
     if isinstance(value, Poses):
         return {"wxyz": value.wxyz(), "translations_mm": value.translations}
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+        return {field.name: _resolved(field, value) for field in dataclasses.fields(value)}
     if isinstance(value, Mapping):
         return {str(key): item for key, item in value.items()}
     return list(cast("Sequence[Any]", value))
+
+
+def _resolved(field: dataclasses.Field[Any], owner: Any) -> Any:
+    """Return the value of a field; None for an estimate that did not leave its lower bound."""
+    value, least = getattr(owner, field.name), field.metadata.get(LEAST)
+    return None if least is not None and value is not None and value <= least else value
 
 
 def _plain_array(array: NDArray[Any], max_points: int | None, array_at: str | None) -> Any:

@@ -8,7 +8,7 @@ from typing import Any, cast
 from fastapi import APIRouter
 from fastapi.routing import APIRoute
 
-from rona_core.devices.limits import INNER, OF_LISTS, OF_NUMBERS, OF_TEXTS, limits_of
+from rona_core.devices.limits import INNER, OF_LISTS, OF_NUMBERS, OF_TEXTS, limits_of, meaning
 
 Schema = dict[str, Any]
 _OF_TYPE = {"number": OF_NUMBERS, "integer": OF_NUMBERS, "array": OF_LISTS, "string": OF_TEXTS}
@@ -50,14 +50,9 @@ def _describe(field: Schema, words: Mapping[str, Any]) -> None:
     _limit(field, words)
     if "label" in words:
         field["title"] = words["label"]
-    said = [f"in {words['unit']}"] if words.get("unit") else []
-    if "above" in words:
-        other, gap = words["above"]
-        said.append(f"at least {gap:g} above `{other}`")
-    if "rule" in words:
-        said.append(words["rule"])
-    if said:
-        field["description"] = "; ".join(said)
+    unit = f"In {words['unit']}" if words.get("unit") else ""
+    if said := ". ".join(filter(None, (unit, meaning(words)))):
+        field["description"] = said
 
 
 def _limit(schema: Schema, words: Mapping[str, Any]) -> None:

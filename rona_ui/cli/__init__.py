@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from rona_core import __version__
+from rona_core.devices.probes import PROBE_DATA
+from rona_core.devices.robots import ROBOTS
 from rona_core.errors import RonaError, storage_error
 
 FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
@@ -129,7 +131,8 @@ def _add_serve(verbs: Any) -> None:
 
 
 def _add_demo(verbs: Any) -> None:
-    verb = _verb(verbs, "demo", "carry out the complete procedure without a browser")
+    more = "Exit status: 0 done, 2 bad input, 3 without maps or without an implant bed."
+    verb = _verb(verbs, "demo", "carry out the complete procedure without a browser", more)
     verb.add_argument("--seed", type=int, default=0, help="patient, placement and noise (0)")
     verb.add_argument(
         "--specimen",
@@ -153,10 +156,14 @@ def _add_demo(verbs: Any) -> None:
     verb.add_argument("--radius", type=float, metavar="R", help="radius of the region in mm (25)")
     text = "what patient and devices really are: nominal, realistic or hard (realistic)"
     verb.add_argument("--world", default="realistic", metavar="NAME", help=text)
-    text = "robot: rx90, ur5 or ur10 (rx90)"
-    verb.add_argument("--robot", default="rx90", metavar="NAME", help=text)
-    text = "measure no thickness with a caliper: the published speed of sound"
-    verb.add_argument("--no-reference-points", action="store_true", help=text)
+    first, *others = ROBOTS
+    text = f"robot: {first} (default), {', '.join(others)}"
+    verb.add_argument("--robot", default=first, metavar="NAME", help=text)
+    first, *others = PROBE_DATA
+    text = f"probe: {first} (default), {', '.join(others)}"
+    verb.add_argument("--probe", default=first, metavar="NAME", help=text)
+    text = "leave out a stage that need not be, e.g. caliper or gaps; may be repeated"
+    verb.add_argument("--skip", action="append", default=[], metavar="STAGE", help=text)
     verb.add_argument("--out", type=Path, metavar="FILE", help="save the session here")
     verb.add_argument("--json", action="store_true", help="print one JSON object, no table")
 
@@ -177,12 +184,13 @@ def _add_report(verbs: Any) -> None:
 
 
 def _add_export(verbs: Any) -> None:
-    text = "write the maps of a session as files for other programs"
-    more = "Meshes (PLY, STL, VTP), images (NRRD), markups, a table (CSV): all in base, in mm."
+    text = "write maps and implant bed of a session as files for other programs"
+    more = "Meshes (PLY, STL, VTP), images (NRRD), markups, a table (CSV): all in base, in mm. "
+    more += "Without --only all files of the maps."
     verb = _verb(verbs, "export", text, more)
     verb.add_argument("file", type=Path, metavar="SESSION", help="session file (.rona)")
     verb.add_argument("out", type=Path, metavar="DIR", help="folder that they are written to")
-    text = "only this one, e.g. bone.stl or maps.zip; may be repeated"
+    text = "only this one, e.g. bone.stl or bed_path.csv (a wrong name lists all); may be repeated"
     verb.add_argument("--only", action="append", default=[], metavar="NAME", help=text)
 
 
@@ -267,6 +275,6 @@ def _add_detect(verbs: Any) -> None:
         "--speed", type=float, required=True, metavar="C", help="sound speed in the plate, m/s"
     )
     verb.add_argument(
-        "--probe", metavar="NAME", help="probe that took them: 2.25MHz or 1MHz (found out)"
+        "--probe", metavar="NAME", help=f"probe that took them: {', '.join(PROBE_DATA)} (found out)"
     )
     verb.add_argument("--json", action="store_true", help="print one JSON object, no table")

@@ -15,14 +15,15 @@ from rich.table import Table
 from rich.text import Text
 
 from rona_core.app.overview.acceptance import quality_rows
-from rona_core.app.procedure import IMPLANT, PROCEDURE, WITHOUT_REFERENCES
+from rona_core.app.procedure import OFFERED, PROCEDURE, stages
 from rona_core.compose import DemoSkull, run_demo
+from rona_core.devices.probes import PROBE_DATA
 from rona_core.devices.world_settings import WorldProfile, WorldSettings
 from rona_core.errors import InvalidInputError
 from rona_core.session.document import Session
 from rona_core.session.files import save_session
 
-INCOMPLETE = 3  # exit status where the procedure could not be finished
+INCOMPLETE = 3  # exit status where there are no maps or no bed
 COLOURS = {"pass": "green", "review": "yellow", "fail": "red"}
 
 
@@ -42,7 +43,8 @@ def run(wanted: Any) -> int:
             ),
             robot=wanted.robot,
             world=WorldSettings(wanted.world),
-            messages=(WITHOUT_REFERENCES if wanted.no_reference_points else PROCEDURE) + IMPLANT,
+            probe=wanted.probe,
+            among=stages(PROCEDURE[-1].name, skip=wanted.skip),
             progress=show,
         )
     if wanted.json:
@@ -66,6 +68,12 @@ def _check(wanted: Any) -> None:
     if wanted.world not in get_args(WorldProfile):
         known = ", ".join(get_args(WorldProfile))
         raise InvalidInputError(f"--world must be one of {known}, not {wanted.world}")
+    if wanted.probe not in PROBE_DATA:
+        known = ", ".join(PROBE_DATA)
+        raise InvalidInputError(f"--probe must be one of {known}, not {wanted.probe}")
+    for name in wanted.skip:
+        if name not in OFFERED:
+            raise InvalidInputError(f"--skip must be one of {', '.join(OFFERED)}, not {name}")
     for name in (wanted.specimen, wanted.inner):
         if name not in (None, "simulated") and not Path(name).is_file():
             what = "is a folder" if Path(name).is_dir() else "does not exist"
@@ -109,7 +117,12 @@ def _print_figures(figures: dict[str, Any], session: Session) -> None:
     for column in ("figure", "value", "unit", "limit", "verdict", "paper"):
         right = column in ("value", "limit", "paper")
         table.add_column(column, justify="right" if right else "left")
+    section = ""
     for row in quality_rows(figures, session):
+        if row.section != section:
+            section = row.section
+            table.add_section()
+            table.add_row(Text(section, "bold"))
         sign = "\u2264" if row.sense == "at most" else "\u2265"
         table.add_row(
             row.title,
@@ -124,7 +137,7 @@ def _print_figures(figures: dict[str, Any], session: Session) -> None:
     if figures.get("completed"):
         console.print(f"completed in {figures.get('wall_s', 0.0):.0f} s", highlight=False)
     else:
-        text = f"not completed: step {figures.get('failed_step')}: {figures.get('reason')}"
+        text = f"ended at stage {figures.get('failed_step')}: {figures.get('reason')}"
         console.print(Text(text, "red"), soft_wrap=True)
 
 

@@ -1,9 +1,10 @@
-"""``rona export``: maps of a session as files for other programs."""
+"""``rona export``: maps and implant bed of a session as files for other programs."""
 
 import sys
 from typing import Any
 
-from rona_core.app.steps.maps.export import ALL, NAMES, export_maps
+from rona_core.app.declarations.registry import REGISTRY
+from rona_core.app.steps.maps.export import FILES
 from rona_core.errors import storing
 from rona_core.session.files import load_session
 
@@ -11,8 +12,8 @@ from rona_core.session.files import load_session
 def run(wanted: Any) -> int:
     """Write the files, and say where they are; nothing is written if one cannot be made."""
     session = load_session(wanted.file)
-    names = wanted.only or [name for name in NAMES if name != ALL]
-    made = {name: export_maps(session, name) for name in names}
+    names = wanted.only or [name for name, *_ in FILES]
+    made = {name: REGISTRY.export(session, name) for name in names}
     for name, data in made.items():
         path = wanted.out / name
         with storing(path):

@@ -7,7 +7,7 @@ from typing import Any
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.step_states import step_states
 from rona_core.session.files import load_session
-from rona_core.session.migrate import SCHEMA
+from rona_core.session.members import SCHEMA
 
 
 def run(wanted: Any) -> int:

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.runtime.saving.recovery import LostSession, Recovery, restore
+from rona_core.app.runtime.saving.journal import read_journal, restore
+from rona_core.app.runtime.saving.recovery import LostSession, Recovery
 from rona_core.app.runtime.saving.session_files import SessionFiles
 from rona_core.app.runtime.store import Store
 from rona_core.errors import InvalidInputError, NameTakenError, NotFoundError
@@ -44,7 +45,7 @@ def _write(recovery: Recovery, lost: LostSession, path: Path) -> str | None:
     if path.exists():
         raise NameTakenError(f"{path} exists already: choose another name with --out")
     with recovery.held(lost.key) as copy:
-        journal = copy.load()
+        journal = read_journal(copy.path)
         store = Store(journal.session)
         problem = restore(store, journal)
         save_session(store.session, path)

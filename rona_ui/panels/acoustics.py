@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.steps.acoustics.messages import (
     AddReferencePoint,
     CalibrateSoundSpeed,
@@ -14,11 +15,13 @@ from rona_core.app.steps.acoustics.view import (
     gain_words,
     reference_gain,
     reference_rows,
-    speed_state,
+    speed_words,
 )
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
+from rona_ui.panels.widgets.form import Form
 from rona_ui.panels.widgets.panel_context import PanelContext
+from rona_ui.panels.widgets.step_panel import JudgementNote
 
 
 class SpeedFields:
@@ -26,58 +29,54 @@ class SpeedFields:
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
         self._points = 0
-        number = gui.add_number(
-            "Number of points", 3, min=1, max=20, step=1, hint="At places chosen by the program"
-        )
+        count, point = Form(gui), Form(gui)
+        count.of(StartCaliperMeasurements, "n")
         self._measure = context.send_button(
             gui,
             "Measure with caliper",
             "ruler-measure",
-            lambda: StartCaliperMeasurements(n=int(number.value)),
+            lambda: StartCaliperMeasurements(**count.values()),
         )
         self._more = context.send_button(
             gui,
             "Measure more",
             "plus",
-            lambda: StartCaliperMeasurements(n=int(number.value), append=True),
+            lambda: StartCaliperMeasurements(**count.values(), append=True),
         )
-        scan = gui.add_number(
-            "A-scan no.", 0, min=0, max=100000, step=1, hint="A-scan at the measured place"
+        point.of(AddReferencePoint, "scan", "thickness_mm", scan=0, thickness_mm=6.0)
+        self._add = context.send_button(
+            gui, "Add point", "plus", lambda: AddReferencePoint(**point.values())
         )
-        thickness = gui.add_number("Thickness (mm)", 6.0, min=0.5, max=30.0, step=0.05)
-
-        def point() -> AddReferencePoint:
-            return AddReferencePoint(float(thickness.value), scan=int(scan.value))
-
-        self._add = context.send_button(gui, "Add point", "plus", point)
         self._remove = context.send_button(
             gui, "Remove last point", "minus", lambda: RemoveReferencePoint(self._points - 1)
         )
         self._calibrate = context.send_button(
             gui, "Calibrate speed", "ruler-2", CalibrateSoundSpeed
         )
-        self._html = gui.add_html("")
+        self._table = gui.add_html("")
+        self._found = JudgementNote(gui, context)
+        self._gain = gui.add_html("")
 
     def show(self, session: Session, busy: bool) -> None:
         """Follow the session."""
-        rows, state = reference_rows(session), speed_state(session)
+        rows, words = reference_rows(session), speed_words(session)
         self._points = len(rows)
         mapped = session.results.detection is not None
         for button in (self._measure, self._more, self._add):
             button.disabled = busy or not mapped
         self._more.visible = self._remove.visible = self._calibrate.visible = bool(rows)
         self._remove.disabled = self._calibrate.disabled = busy
-        html = points_table(rows)
-        gain = reference_gain(session)
-        if state is not None:
-            html += style.note(f"Speed of sound {state.sentence}", style.BOXES[state.verdict])
-        elif not mapped:
-            html += style.note("Map the boundaries first, then measure with the caliper.")
+        if words:
+            words = f"Speed of sound {words}"
+        elif mapped:
+            words = f"Not calibrated: published speed, {PUBLISHED_WORDS}."
         else:
-            html += style.note(f"Not calibrated: published speed, {PUBLISHED_WORDS}.")
-        if gain is not None and (state is None or state.verdict != "good"):
-            html += style.note(gain_words(gain))
-        self._html.content = html
+            words = "Map the boundaries first, then measure with the caliper."
+        found, gain = judge_part("speed", session), reference_gain(session)
+        self._table.content = points_table(rows)
+        self._found.show(words, found, busy=busy)
+        promised = gain is not None and found.state != "usable"
+        self._gain.content = style.note(gain_words(gain)) if promised and gain is not None else ""
 
 
 def points_table(rows: tuple[ReferenceRow, ...]) -> str:

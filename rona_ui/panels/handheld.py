@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from rona_core.app.declarations.figures import HANDHELD
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.handheld.messages import (
     StartHandheldCalibration,
@@ -16,15 +17,7 @@ from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.viewer.bindings import escape
 
 EXPLANATION = "The tracked probe in the hand produces the same maps without the robot."
-SPACING = "Line spacing (mm)"
 SOURCES = {"Robot scan": False, "Handheld scan": True}
-LINES = (  # title, key of the figure, unit
-    ("Outer boundary, RMS", "sono_outer_rms_mm", " mm"),
-    ("Inner boundary, RMS", "sono_inner_rms_mm", " mm"),
-    ("Thickness, RMS", "sono_thickness_rms_mm", " mm"),
-    ("Coverage, outer", "sono_coverage_fraction", ""),
-    ("Coverage, inner", "sono_inner_coverage_fraction", ""),
-)
 
 
 class HandheldControls:
@@ -32,7 +25,6 @@ class HandheldControls:
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
         self._context = context
-        start = StartHandheldScan()
         with gui.add_folder("Handheld scan (SonoPointer)", expand_by_default=False):
             gui.add_html(style.text(EXPLANATION))
             self._calibrate = context.send_button(
@@ -40,10 +32,7 @@ class HandheldControls:
             )
             self._probe = gui.add_html("")
             form = self._form = Form(gui)
-            form.numbers(
-                ("duration_s", "Duration (s)", start.duration_s, 5.0, 600.0, 5.0),
-                ("spacing_mm", SPACING, start.spacing_mm, 0.5, 10.0, 0.5, "Between two lines"),
-            )
+            form.of(StartHandheldScan, "duration_s", "spacing_mm")
             self._scan = context.send_button(
                 gui,
                 "2. Start handheld scan",
@@ -109,12 +98,12 @@ def _maps(snapshot: Snapshot) -> str:
     made = snapshot.session.results.sono_maps
     if made is None:
         return ""
-    value, figures = made.value, snapshot.figures
-    words = f"{value.n_posed} of {value.n_scans} A-scans have a pose. {value.sentence}"
+    maps, figures = made.value, snapshot.figures
+    words = f"{maps.n_posed} of {maps.n_scans} A-scans have a pose. {maps.sentence}"
     rows = [
-        (escape(title), f"<b>{figures[key]:.2f}{unit}</b>")
-        for title, key, unit in LINES
-        if isinstance(figures.get(key), float)
+        (escape(one.title), f"<b>{value:.{one.decimals}f} {one.unit}</b>")
+        for one in HANDHELD
+        if one.of == "sono_maps" and isinstance(value := figures.get(one.key), float)
     ]
     table = style.table(("", "n"), (), rows) if rows else ""
     return (_stale("sono_maps", snapshot.session) or style.text(words)) + table

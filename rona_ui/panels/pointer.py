@@ -4,17 +4,13 @@ from typing import Any
 
 from rona_core.app.steps.pointer.messages import CalibratePointer, StartPointerCapture
 from rona_core.app.steps.tool.calibration_view import calibration_view
-from rona_ui.panels.tool.tool import HALF_ANGLE, CalibrationWords
+from rona_ui.panels.tool.tool import CalibrationWords
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.import_controls import ImportControls
 from rona_ui.panels.widgets.panel_context import on_click
 from rona_ui.panels.widgets.step_panel import StepPanel
 from rona_ui.presentation.snapshot import Snapshot, changed
 
-METHODS = {
-    "Maximum likelihood": "ml",
-    "Sphere (paper)": "sphere",
-}
 HELP = (
     "Drag the coloured handles to pivot the pointer. Tilt it in two directions, then finish. "
     "The capture ends by itself after the set duration."
@@ -34,11 +30,8 @@ class PointerPanel(StepPanel):
 
     def build(self) -> None:
         """Add cone, duration and method."""
-        self.form.number(
-            "cone_deg", "Cone (deg)", StartPointerCapture().cone_deg, 1.0, 60.0, 1.0, HALF_ANGLE
-        )
-        self.form.number("duration_s", "Duration (s)", 15.0, 1.0, 120.0, 1.0)
-        self.form.choice("method", "Method", METHODS, "ml")
+        self.form.of(StartPointerCapture, "cone_deg", "duration_s")
+        self.form.of(CalibratePointer, "method")
         self._by_hand = self.context.send_button(
             self.gui, "Pivot by hand", "hand-grab", self._capture_by_hand
         )

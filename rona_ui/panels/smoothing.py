@@ -6,6 +6,8 @@ from rona_core.app.steps.path.messages import ClearPathEdits
 from rona_core.app.steps.path.path_checks import PathCheck, Stretch, check_path
 from rona_core.app.steps.smoothing.messages import SmoothScanPath
 from rona_core.app.steps.smoothing.path_view import PathView
+from rona_core.devices.limits import limits_of
+from rona_core.session.document import Derived, SmoothPath
 from rona_ui.panels.path.path_graph import deviation_bar
 from rona_ui.panels.path.path_points import PathPoints
 from rona_ui.panels.widgets import style
@@ -16,18 +18,6 @@ from rona_ui.presentation.shown import shown_path
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.presentation.view_state import EDITS, Drawing, Preview
 
-METRICS = {"Max. deviation (Hausdorff)": "k1", "RMS deviation": "k2", "Area": "k3"}
-METHODS = {
-    "Fewest points": "optimal",
-    "Few points, fast": "fast",
-    "Greedy (paper)": "greedy",
-    "Douglas-Peucker": "rdp",
-}
-NORMALS = {
-    "Quadric": "jet",
-    "Least squares (paper)": "ols",
-}
-CHOSEN_RADIUS = "0: chosen from the point cloud"
 HELP = {
     "move": (
         "Drag a blue point over the skull, or click it and then its new position. The arrow keys "
@@ -40,9 +30,13 @@ HELP = {
         "to release it."
     ),
 }
-NORMAL_FIELDS = (
-    ("normal_radius_mm", "Normal radius (mm)", 0.0, 0.0, 40.0, 1.0, CHOSEN_RADIUS),
-    ("normal_step_mm", "Normal spacing (mm)", 3.0, 0.0, 50.0, 0.5, "0: at the path points only"),
+ADVANCED = (
+    "method",
+    "metric",
+    "filter_s",
+    "normal_method",
+    "normal_radius_mm",
+    "normal_step_mm",
 )
 MAX_LISTED, MAX_PLACES = 4, 8
 
@@ -61,20 +55,10 @@ class SmoothingPanel(StepPanel):
         """Add the parameters."""
         form, gui = self.form, self.gui
         self._seen: Snapshot | None = None
-        tolerance = form.slider("tolerance_mm", "Tolerance (mm)", 1.0, 0.1, 5.0, 0.05)
+        tolerance = form.slider(SmoothScanPath, "tolerance_mm")
         on_change(tolerance, self._drag)
         with gui.add_folder("Advanced", expand_by_default=False):
-            form.choice("method", "Method", METHODS, "optimal")
-            form.choice(
-                "metric",
-                "Error metric",
-                METRICS,
-                "k1",
-                "With the metric Area the tolerance is in mm²",
-            )
-            form.number("filter_s", "Filter σ (s)", 0.05, 0.0, 1.0, 0.01, "0: no filter")
-            form.choice("normal_method", "Normal estimation", NORMALS, "jet")
-            form.numbers(*NORMAL_FIELDS)
+            form.of(SmoothScanPath, *ADVANCED)
         self._edit = gui.add_button_group("Edit", tuple(EDITS))
         self._help = gui.add_html("")
         self._done = gui.add_button("Done", icon="check", visible=False)
@@ -98,18 +82,14 @@ class SmoothingPanel(StepPanel):
 
     def message(self) -> Any:
         """Return the smoothing with these parameters."""
-        values = self.form.values()
-        values["normal_radius_mm"] = values["normal_radius_mm"] or None
-        return SmoothScanPath(**values)
+        return SmoothScanPath(**self.form.values())
 
     def update(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the result, and what is being changed by hand."""
         self._seen = new
         smooth = new.session.results.smoothing
         if smooth is not None and changed(old, new, "session.results.smoothing"):
-            held = {**smooth.arguments}
-            held["normal_radius_mm"] = held.get("normal_radius_mm") or 0.0
-            self.form.show(held)
+            self.form.show(smooth.arguments)
         mode = new.view.drawing
         self._help.content = style.note(f"{HELP[mode]} Undo with Ctrl+Z.") if mode in HELP else ""
         fresh = smooth is not None and new.step("smoothing").state != "stale"
@@ -131,9 +111,20 @@ class SmoothingPanel(StepPanel):
         chosen = "given" if normals.choice is None else "from the point cloud"
         if normals.choice is not None:
             chosen += f": noise {normals.choice.noise_mm:.2f} mm"
-        words += style.text(f"Normal radius {normals.radius_mm:.1f} mm ({chosen}).")
+        words += _replaced_method(smooth) + style.text(
+            f"Normal radius {normals.radius_mm:.1f} mm ({chosen})."
+        )
         words += deviation_bar("Uncertainty of the normals (deg)", check.tolerance_deg)
         return words + warning_notes(check) + style.key(LEGEND)
+
+
+def _replaced_method(smooth: Derived[SmoothPath]) -> str:
+    """Return which method was used in place of the chosen one; nothing where that was used."""
+    used = smooth.value.simplified
+    if used.method == smooth.arguments.get("method", used.method):
+        return ""
+    title = limits_of(SmoothScanPath)["method"]["labels"][used.method]
+    return style.note(f"Method used: {title}. Points that stay: {used.rule}.")
 
 
 LEGEND = (

@@ -34,10 +34,8 @@ class SurfacePanel(StepPanel):
 
     def build(self) -> None:
         """Add duration, averaging, drawing."""
-        self.form.number("duration_s", "Duration (s)", 60.0, 1.0, 600.0, 5.0)
-        self.form.number(
-            "average_s", "Averaging (s)", 0.1, 0.0, 2.0, 0.05, "Moving average along a stroke"
-        )
+        self.form.of(StartSurfaceCapture, "duration_s")
+        self.form.of(BuildSurface)
         self._drawing = DrawingControls(self.gui, self.context, "surface", self._strokes)
         self._rebuild = self.context.send_button(
             self.gui,

@@ -159,7 +159,7 @@ def shown_comparison(snapshot: Snapshot) -> MapComparison | None:
     made = snapshot.session.results.maps
     if made is None or shows_handheld_maps(snapshot):
         return None
-    found = (snapshot.view.comparison, snapshot.truth)
+    found = (snapshot.compared, snapshot.truth)
     return next((one for one in found if one is not None and one.maps is made.value), None)
 
 

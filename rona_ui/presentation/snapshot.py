@@ -38,6 +38,7 @@ class Snapshot:
     figures: dict[str, Any] = field(default_factory=dict)
     judged: Session | None = None  # whose figures they are, None where there are none yet
     computing: bool = False  # those of this session are being computed
+    compared: MapComparison | None = None  # the maps beside the reference of the view
     truth: MapComparison | None = None  # the maps beside the true bone, where it is known
     milling: MillingView | None = None  # how the bed of step 10 would be milled; if it is of now
     pivoting_by_hand: bool = False  # the pointer is pivoted by hand

@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from rona_core.app.steps.maps.comparison import MapComparison
 from rona_core.app.steps.maps.view import MapQuantity
 from rona_core.app.steps.roll.margins_view import Quantity
 from rona_core.path.painted_regions import PaintKind
@@ -127,6 +126,7 @@ class ViewState:
 
     step: str = "setup"
     open_tabs: frozenset[str] = frozenset()  # of the docks, as far as the page has told
+    skipped: frozenset[str] = frozenset()  # offered stages of the procedure that are passed over
     all_layers: bool = False  # show also what the step does not need
     hidden: frozenset[str] = frozenset(
         {"outer", "fused", "obstacles", "milling", "chance", "labels"}
@@ -159,7 +159,7 @@ class ViewState:
     handheld: bool = False  # the scan by hand is looked at, where there are both
     handheld_cursor: float = 0.0  # 0 to 1 along the scan by hand
     joint: int = 0  # joint in the graph, 0 for all
-    comparison: MapComparison | None = None  # with a reference that somebody chose
+    comparison: str | None = None  # job that compared the maps with a reference
     pairs: Pairs = ()  # that a reference is laid by
     bone_threshold: float = 300.0  # from which a value of a reference CT is bone
     compared_pairs: Pairs = ()  # those that the comparison had

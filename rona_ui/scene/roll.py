@@ -57,7 +57,7 @@ class RollsLayer(Layer):
         """Draw lines, which are unlit, so that their colours are those of the legend."""
         works = fails = chosen = NO_LINES
         place = place_of_roll(new.session, new.view.shown_roll, new.view.place)
-        fan, searched = roll_poses(new.session, 1, place=place), new.session.results.roll
+        fan, searched = roll_poses(new.session, place), new.session.results.roll
         if fan is not None and searched is not None:
             poses, feasible, _ = fan
             all_arrows = arrows(poses, 46.0)

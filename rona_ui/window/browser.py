@@ -8,16 +8,15 @@ from typing import Any, get_args
 
 import numpy as np
 
+from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.runtime.session_registry import SessionRegistry
-from rona_core.app.steps.implant.export import export_bed
 from rona_core.app.steps.implant.view import moved_bed
-from rona_core.app.steps.maps.export import export_maps
 from rona_core.app.steps.setup.messages import SetRegion
 from rona_core.errors import NotFoundError, RonaError
 from rona_core.geometry.arrays import Floats
 from rona_core.mapping.comparison.reference_bone import Registration
 from rona_ui.panels.layout.docks import Docks
-from rona_ui.panels.maps.comparison import compared_with_file
+from rona_ui.panels.maps.comparison import comparison_message
 from rona_ui.panels.widgets.panel_context import PanelContext
 from rona_ui.presentation.camera import (
     FOV_RAD,
@@ -282,15 +281,13 @@ class Browser:
             path = self._hub.save()
             notify(self.client, "Saved", path.name, "green")
         elif verb == "export":
-            data = export_maps(self._hub.get().session, name)
-            self.client.send_file_download(name, data, save_immediately=True)
-        elif verb == "export-bed":
-            data = export_bed(self._hub.get().session, name)
+            data = REGISTRY.export(self._hub.get().session, name)
             self.client.send_file_download(name, data, save_immediately=True)
         elif verb in COMPARE and isinstance(data, bytes):
             view = self._view
-            found = compared_with_file(self._hub.get().session, data, name, COMPARE[verb], view)
-            self.change_view(lambda now: replace(now, comparison=found, compared_pairs=view.pairs))
+            file = self._hub.files.store_upload(name, data).name
+            job = self._hub.get().start(comparison_message(file, COMPARE[verb], view)).id
+            self.change_view(lambda now: replace(now, comparison=job, compared_pairs=view.pairs))
         elif verb == "upload" and isinstance(data, bytes):
             self._hub.files.store_upload(PurePath(name).name, data)
         else:

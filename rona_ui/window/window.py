@@ -18,6 +18,7 @@ from rona_core.app.dependencies.step_states import StepState, step_states
 from rona_core.app.runtime.jobs import JobStatus
 from rona_core.app.runtime.session_registry import SessionRegistry
 from rona_core.app.runtime.workbench import Workbench
+from rona_core.app.steps.maps.comparison import MapComparison
 from rona_core.app.steps.maps.growing_map import Pass
 from rona_core.app.steps.surface.growing_stroke import replayed_pointer
 from rona_core.errors import CancelledError, NotFoundError
@@ -148,7 +149,9 @@ class Window:
         for browser in browsers:
             if browser.view.playing:
                 _advance(browser, bench.session, elapsed_s)
-            self._draw(browser, replace(base, view=browser.view))
+            view = browser.view
+            compared = _comparison(bench, view.comparison)
+            self._draw(browser, replace(base, view=view, compared=compared))
         return base.busy or any(b.view.playing for b in browsers)
 
     def _draw(self, browser: Browser, snapshot: Snapshot) -> None:
@@ -222,6 +225,12 @@ def _newest(bench: Workbench) -> JobStatus | None:
     jobs = bench.jobs.all()
     running = [status for status in jobs if not status.finished]
     return running[-1] if running else jobs[-1] if jobs else None
+
+
+def _comparison(bench: Workbench, job: str | None) -> MapComparison | None:
+    """Return what a job found that compared the maps; None without one, or before its end."""
+    found = next((status.result for status in bench.jobs.all() if status.id == job), None)
+    return found if isinstance(found, MapComparison) else None
 
 
 def _scanned_pass(job: JobStatus | None) -> Pass | None:

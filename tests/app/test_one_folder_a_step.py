@@ -7,7 +7,7 @@ import pytest
 from fastapi.testclient import TestClient
 
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.dependencies.requirements import blocked_reason
+from rona_core.app.dependencies.judge import blocked
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.runtime.recompute import replay
@@ -73,7 +73,7 @@ def test_it_is_in_the_list_of_steps_and_has_words(bench):
     states = step_states(bench.session)
     assert [state.name for state in states][-1] == "toy"
     assert toy_state(bench.session).state == "ready"
-    assert blocked_reason(FitToyLine, bench.session) == "first read the toy"
+    assert blocked(FitToyLine, bench.session).reason == "first read the toy"
     bench.run(StartToyCapture())
     assert (toy_state(bench.session).state, toy_state(bench.session).reason) == ("done", "a line")
     assert doing("StartToyCapture") == "Reading the toy"

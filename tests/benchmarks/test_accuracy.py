@@ -4,17 +4,16 @@ import numpy as np
 import pytest
 
 from benchmarks.suites.accuracy import accuracy, gap_fusion, judged_maps, map_cost
+from rona_core.app.steps.maps.error_budget import OUTER, THICKNESS
 from rona_core.compose import build_virtual_rig
 from rona_core.evaluation.truth import truth_of
-from rona_core.mapping.accuracy.error_budget import OUTER, THICKNESS
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
-from rona_ui.resources import demo_session
+from tests.scenes import demo_parts
 
 
 @pytest.fixture(scope="module")
 def judged():
-    session = load_session(demo_session())
+    session = demo_parts.demo()
     truth = truth_of(session, build_virtual_rig(session.setup).scene)
     return {(one.quantity, one.part): one for one in judged_maps.judge(session, truth, 0)}
 
@@ -56,7 +55,7 @@ def test_medians_have_the_goal_of_their_world():
 
 
 def test_fusion_is_held_against_what_no_session_can_know():
-    session = load_session(demo_session())
+    session = demo_parts.demo()
     found = gap_fusion.fusion_figures(
         session, truth_of(session, build_virtual_rig(session.setup).scene)
     )

@@ -10,8 +10,7 @@ from benchmarks.suites.accuracy.observed_cells import cell_observables
 from benchmarks.suites.ultrasound.observed_order import best_ranks
 from rona_core.app.steps.maps.accuracy import TERMS
 from rona_core.errors import RonaError
-from rona_core.session.files import load_session
-from rona_ui.resources import demo_session
+from tests.scenes import demo_parts
 
 N, SESSIONS = 300, 20
 
@@ -71,7 +70,7 @@ def test_others_are_ranked_by_an_order_that_is_fitted_to_the_tuned_ones_alone():
 
 
 def test_cells_of_the_demo_have_their_observables():
-    demo = load_session(demo_session())
+    demo = demo_parts.demo()
     found = dict(map_ranks.cells_of(demo))
     assert set(found) == set(map_ranks.QUANTITIES)
     one = found["thickness"]
@@ -82,7 +81,7 @@ def test_cells_of_the_demo_have_their_observables():
 
 
 def test_what_is_observed_at_a_cell_follows_the_samples_around_it():
-    demo = load_session(demo_session())
+    demo = demo_parts.demo()
     maps, terms = demo.results.maps.value, TERMS.read(demo)
     cells = np.flatnonzero(maps.outer.ok & maps.inner.ok)[:200]
     found = np.exp(cell_observables(demo, terms.thickness, cells))

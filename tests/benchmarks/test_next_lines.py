@@ -14,13 +14,6 @@ from benchmarks.suites.accuracy.next_lines import (
 )
 from rona_core.app.steps.maps.accuracy import map_accuracy
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
-from rona_ui.resources import demo_session
-
-
-@pytest.fixture(scope="module")
-def demo():
-    return load_session(demo_session())
 
 
 def length(rows):

@@ -43,10 +43,10 @@ def test_the_core_is_imported_at_once_and_its_parts_when_asked_for():
         _ = rona_core.nothing
 
 
-@pytest.mark.parametrize("verb", ["serve", "demo"])
-def test_readers_of_foreign_files_are_imported_when_there_is_one(verb):
+def test_readers_of_foreign_files_are_imported_when_there_is_one():
     dear = {"scipy.signal", "scipy.stats", "scipy.io", "h5py", "nibabel", "nrrd"}
-    code = f"import sys, rona_ui.cli.{verb}; sys.exit(bool({dear!r} & set(sys.modules)))"
+    verbs = "rona_ui.cli.serve, rona_ui.cli.demo"
+    code = f"import sys, {verbs}; sys.exit(bool({dear!r} & set(sys.modules)))"
     assert subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False).returncode == 0
 
 
@@ -59,6 +59,7 @@ def test_a_session_is_started_and_opened():
         bench.close()
 
 
+@pytest.mark.slow
 def test_the_blocks_of_the_notebook_page_run(monkeypatch, capsys):
     monkeypatch.chdir(ROOT)
     text = (ROOT / "docs" / "guide" / "notebook.md").read_text("utf-8")
@@ -82,6 +83,7 @@ def test_the_reference_has_a_page_for_every_package_and_an_entry_for_every_name(
     assert "simplify(points" in (tmp_path / "rona_core.path.md").read_text("utf-8")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(gallery.QUICK))
 def test_an_example_runs_and_draws_its_picture(name, capsys):
     drawn = gallery.QUICK[name]()

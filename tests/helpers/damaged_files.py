@@ -22,7 +22,7 @@ from rona_core.virtual.specimen.imported.volume_reader import read_volume
 from tests.core.devices.files.test_rf_data import hdf5, mat, npz
 from tests.helpers.rom_files import rom_bytes, tool_file_of
 
-OLD = Path(__file__).resolve().parents[1] / "contract" / "sessions" / "schema_2.rona"
+SESSION = Path(__file__).resolve().parents[1] / "sessions" / "path.rona"
 WORDS = (b"0", b"-1", b"nan", b"1e999", b"99999999999999999999", b"\0", b"\xff", b"\n", b"=", b":")
 
 
@@ -132,5 +132,5 @@ FORMATS = {
     "stl": (lambda p: mesh("stl"), surface("a.stl"), 4),
     "ply": (lambda p: mesh("ply"), surface("a.ply"), 4),
     "obj": (lambda p: mesh("obj"), surface("a.obj"), 4),
-    "session": (lambda p: OLD.read_bytes(), lambda d, p: session_from_bytes(d), 150),
+    "session": (lambda p: SESSION.read_bytes(), lambda d, p: session_from_bytes(d), 150),
 }

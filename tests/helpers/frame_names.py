@@ -13,8 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 FRAMES = frozenset(
-    "upright base flange tip probe toolmarker tracker basemarker headmarker marker pointermarker "
-    "pointertip skull sonomarker mesh patch voxel sensor scene map bed link camera a b c d".split()
+    "upright base flange tip burr probe toolmarker tracker basemarker headmarker marker "
+    "pointermarker pointertip skull sonomarker mesh patch voxel sensor scene map bed link camera "
+    "a b c d".split()
 )  # explained in docs/conventions.md; single letters stand for any frame in generic code
 TRANSFORM = re.compile(r"_*(?P<kind>Ts?|Rs?)_(?P<words>[a-z0-9_]+)")
 QUALIFIERS = frozenset("true nominal measured found best new old n is has".split())

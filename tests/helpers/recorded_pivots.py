@@ -1,4 +1,4 @@
-"""Random pivots as trackers record them, and the changes that people make of their poses."""
+"""Random pivots and strokes as trackers record them, and the changes that people make of poses."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -51,6 +51,55 @@ def random_pivot(seed, *, n=None, outliers=True, noise_mm=None):
     turns = Rotation.from_rotvec(rng.normal(0.0, 0.1, (int(out.sum()), 3))).as_matrix()
     R[out] = turns @ R[out]
     return Pivot(Poses(R, t), tip, pivot)
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """Measured poses of a pointer whose tip slides over bone, and the tip in its marker."""
+
+    poses: Poses
+    tip: Any
+
+
+def random_stroke(seed):
+    """Return a stroke over an ellipsoid as large as a head, the pointer tilted as a hand does it.
+
+    Tip 80 to 250 mm from the marker, loops 20 to 70 mm across in 10 to 40 s at 30 Hz, tilts of 6 to
+    25 degrees from the normal and a spin, noise of 0.05 to 0.3 mm and 0.02 to 0.1 degrees, a
+    twentieth of the poses off the bone.
+    """
+    rng = np.random.default_rng((seed, 1))
+    length, n = rng.uniform(80.0, 250.0), int(rng.uniform(300, 1200))
+    tip = rng.normal(size=3)
+    tip *= length / np.linalg.norm(tip)
+    s = np.linspace(0.0, 1.0, n) * n / 30.0
+
+    def wave(rates):
+        made = sum(rng.normal() * np.sin(f * s + rng.uniform(0.0, 6.0)) for f in rates)
+        return made / np.abs(made).max()
+
+    u, v = (rng.uniform(10.0, 35.0) * wave((0.3, 0.7, 1.3)) for _ in "uv")
+    axes = rng.uniform(70.0, 110.0, 3)
+    height = axes[2] * np.sqrt(1.0 - (u / axes[0]) ** 2 - (v / axes[1]) ** 2)
+    points = np.column_stack((u, v, height))
+    normals = points / axes**2
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    off = rng.random(n) < 0.05
+    points = points + off[:, None] * rng.uniform(0.0, 10.0, (n, 1)) * normals
+    upright = [Rotation.align_vectors([one], [[0.0, 0.0, 1.0]])[0] for one in normals]
+    most = np.deg2rad(rng.uniform(6.0, 25.0))
+    rates = ((0.2, 0.9, 1.9), (0.4, 1.1, 2.3), (0.15, 0.5))
+    tilt = np.column_stack([most * wave(each) for each in rates])
+    shaft = Rotation.align_vectors([-tip / length], [[0.0, 0.0, 1.0]])[0]
+    R = Rotation.concatenate(upright) * Rotation.from_rotvec(tilt) * shaft.inv()
+    at = Rotation.random(rng=rng)
+    depth = rng.choice((-1.0, 1.0)) * rng.uniform(950.0, 2400.0)
+    place = np.array((*rng.uniform(-400.0, 400.0, 2), depth))
+    shake = Rotation.from_rotvec(rng.normal(size=(n, 3)) * np.deg2rad(rng.uniform(0.02, 0.1)))
+    R = (at * R * shake).as_matrix()
+    t = at.apply(points) + place - R @ tip
+    t += rng.normal(size=t.shape) * rng.uniform(0.05, 0.3) / np.sqrt(3.0)
+    return Stroke(Poses(R, t), tip)
 
 
 def _motion(rng, n, cone):

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rona_core.devices.settings import Excitation, ProbeName, ProbeSettings, PulseShape
+from rona_core.devices.settings import Excitation, ProbeSettings, PulseShape
 from rona_core.geometry.arrays import Floats, Ints
 from rona_core.geometry.pose import Pose
 from rona_core.ultrasound.probe.materials import Material
@@ -30,7 +30,7 @@ def plate(
     thickness_mm: float = 6.0,
     inner_snr_db: float = 20.0,
     *,
-    name: ProbeName = "2.25MHz",
+    name: str = "2.25MHz",
     excitation: Excitation = "pulse",
     lean_deg: float = 0.0,
     wedge_deg: float = 0.0,
@@ -66,7 +66,7 @@ def plate(
 def parallel_bone(
     thickness_mm: float,
     *,
-    name: ProbeName = "2.25MHz",
+    name: str = "2.25MHz",
     excitation: Excitation = "pulse",
     front_snr_db: float = 50.0,
     most_lean_deg: float = 2.0,
@@ -91,7 +91,7 @@ def parallel_bone(
 def hard_bone(
     thickness_mm: float = 6.0,
     *,
-    name: ProbeName = "2.25MHz",
+    name: str = "2.25MHz",
     excitation: Excitation = "pulse",
     front_snr_db: float = 50.0,
     side: int = 16,
@@ -117,7 +117,7 @@ def hard_bone(
 def anatomical_bone(
     patient: int = 0,
     *,
-    name: ProbeName = "2.25MHz",
+    name: str = "2.25MHz",
     excitation: Excitation = "chirp",
     front_snr_db: float = 50.0,
     radius_mm: float = 20.0,
@@ -188,7 +188,7 @@ def _random(place: int, nominal: bool, drawn_seed: int) -> tuple[int, np.random.
 
 
 def _settings(
-    name: ProbeName,
+    name: str,
     excitation: Excitation,
     front_snr_db: float,
     random: np.random.Generator,

@@ -10,9 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rona_core.app.declarations.declarations import Message
-from rona_core.app.procedure import PROCEDURE, run_procedure
+from rona_core.app.procedure import Stages, run_procedure, stages
 from rona_core.app.steps.boundaries.ascan_view import scan_poses
-from rona_core.app.steps.scan.messages import StartScan
 from rona_core.app.steps.setup.messages import SetSeed
 from rona_core.compose import new_workbench, specimen_of
 from rona_core.devices.settings import ProbeSettings
@@ -34,7 +33,7 @@ from tests.scenes.bone_record import BoneScene, record
 from tests.scenes.bone_scenes import standing_meander
 
 STANDING_STREAM = 0x57A4D  # names the draw of leans and heights of a probe that no robot holds
-UP_TO_SCAN = PROCEDURE[: 1 + [type(message) for _, message in PROCEDURE].index(StartScan)]
+UP_TO_SCAN = stages("scan")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,20 +47,22 @@ class Survey:
     Ts_base_probe: Poses  # as the robot's joint angles have them
 
 
-def scanned(seed: int, steps: Sequence[tuple[str, Message]] = UP_TO_SCAN) -> Survey:
+def scanned(seed: int, among: Stages = UP_TO_SCAN, before: Sequence[Message] = ()) -> Survey:
     """Return the survey of one patient after one pass of the robot.
 
     Args:
         seed: Of the patient.
-        steps: Of the procedure, the scan the last of them.
+        among: Stages of the procedure, the scan the last of them.
+        before: Commands that are sent before them.
 
     Raises:
         StepBlockedError: the procedure did not get as far as the scan.
     """
     bench = new_workbench(Session(name=f"survey, seed {seed}"))
     try:
-        bench.dispatch(SetSeed(seed))
-        ending = run_procedure(bench, messages=tuple(steps))
+        for command in (SetSeed(seed), *before):
+            bench.dispatch(command)
+        ending = run_procedure(bench, among)
         scan, believed = bench.session.captures.scan, scan_poses(bench.session)
         if not ending.completed or scan is None or believed is None:
             raise StepBlockedError(f"seed {seed} has no scan: {ending.reason}")

@@ -1,6 +1,7 @@
 """The demo session as it was on the way: steps that need not be carried out once more."""
 
 from dataclasses import replace
+from functools import cache
 
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.compose import new_workbench
@@ -9,9 +10,15 @@ from rona_core.session.files import load_session
 from rona_ui.resources import demo_session
 
 
+@cache
+def demo() -> Session:
+    """Return the demo session; it is loaded once, and nothing can change it."""
+    return load_session(demo_session())
+
+
 def registered() -> Session:
     """Return the demo session as it was after step 3: tool and pointer calibrated."""
-    session = load_session(demo_session())
+    session = demo()
     captures = Captures(tool=session.captures.tool, pointer=session.captures.pointer)
     results = Results(tool=session.results.tool, pointer=session.results.pointer)
     return replace(session, captures=captures, results=results, archive=())
@@ -19,7 +26,7 @@ def registered() -> Session:
 
 def without_reference_points() -> Session:
     """Return the demo session mapped at the published speed of sound, nothing of it stale."""
-    session = load_session(demo_session()).with_capture("references", None)
+    session = demo().with_capture("references", None)
     bench = new_workbench(session.with_result("speed", None))
     try:
         bench.run(StartMapping())

@@ -1,20 +1,29 @@
-"""Figures of the structure: folders, circles, long and wide functions, lines; see CONTRIBUTING.md.
+"""Figures of the structure: statements, lines, imports, circles, functions, walks of derivations.
 
-``python -m tests.tools.structure`` prints them all, of this checkout or of the one given.
+``python -m tests.tools.structure`` prints them all, of this checkout or of the one given; the
+walks are those of the checkout that Python imports.
 """
 
 import ast
+import importlib
+import inspect
 import io
 import sys
 import tokenize
 from collections import defaultdict
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 PRODUCT = ("rona_core", "rona_ui")
-NO_ENTRIES = {"__init__.py", "__pycache__", "py.typed"}
 Function = ast.FunctionDef | ast.AsyncFunctionDef
+
+
+@cache
+def tree(path: Path) -> ast.Module:
+    """Return the syntax tree of a module."""
+    return ast.parse(path.read_text("utf-8"))
 
 
 def modules(root: Path, *folders: str) -> list[Path]:
@@ -22,19 +31,10 @@ def modules(root: Path, *folders: str) -> list[Path]:
     return sorted(p for folder in folders for p in (root / folder).rglob("*.py"))
 
 
-def entries(root: Path, *folders: str) -> dict[str, int]:
-    """Return how many files and folders each folder with modules holds, fullest first."""
-    counts = {}
-    for path in {p.parent for folder in folders for p in (root / folder).rglob("*.py")}:
-        inside = [p for p in path.iterdir() if p.name not in NO_ENTRIES]
-        counts[str(path.relative_to(root))] = len(inside)
-    return dict(sorted(counts.items(), key=lambda item: -item[1]))
-
-
 def functions(root: Path, *folders: str) -> Iterator[tuple[str, Function]]:
     """Yield every function with its place."""
     for path in modules(root, *folders):
-        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        for node in ast.walk(tree(path)):
             if isinstance(node, Function):
                 yield f"{path.relative_to(root)}:{node.lineno} {node.name}", node
 
@@ -92,7 +92,7 @@ def imports(root: Path, *folders: str) -> dict[str, set[str]]:
         if module.endswith(".__init__"):
             continue  # a front door imports what is behind it
         edges[module] = set()
-        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        for node in ast.walk(tree(path)):
             if isinstance(node, ast.ImportFrom) and node.module in names:
                 edges[module] |= {
                     full if (full := f"{node.module}.{alias.name}") in names else node.module
@@ -148,30 +148,151 @@ def _groups(graph: dict[str, set[str]]) -> list[set[str]]:
     return groups
 
 
-def word_count(root: Path, folder: str, word: str) -> int:
-    """Return how often a name is used in a folder."""
+def statements(path: Path) -> int:
+    """Return the statements of a module; docstrings are none."""
     return sum(
-        isinstance(node, ast.Name) and node.id == word
-        for path in modules(root, folder)
-        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        isinstance(node, ast.stmt)
+        and not (isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant))
+        for node in ast.walk(tree(path))
     )
+
+
+def import_lines(path: Path) -> int:
+    """Return the lines of a module that its import statements take."""
+    return sum(
+        (node.end_lineno or node.lineno) - node.lineno + 1
+        for node in ast.walk(tree(path))
+        if isinstance(node, ast.Import | ast.ImportFrom)
+    )
+
+
+def lines(path: Path) -> int:
+    """Return all lines of a module."""
+    return len(path.read_text("utf-8").splitlines())
+
+
+class Walk:
+    """The files through which the first parameter of a function is passed on, depth first.
+
+    Calls are followed that get it as an argument by its bare name, each function once; so are
+    classes, into what makes them.
+
+    Attributes:
+        entered: Files, in the order in which a reader enters them.
+        returns: How often a reader comes back to one of them.
+    """
+
+    def __init__(self, root: Path, module: str, function: str) -> None:
+        """Walk from a function of a module, both by name."""
+        self._root = root
+        self._seen: set[tuple[str, str]] = set()
+        self.entered = [module]
+        self.returns = 0
+        self._follow(module, function, 0)
+
+    def _tree(self, module: str) -> ast.Module | None:
+        path = self._root.joinpath(*module.split(".")).with_suffix(".py")
+        return tree(path) if path.is_file() else None
+
+    def _follow(self, module: str, function: str, place: int | str) -> None:
+        node = self._definition(module, function)
+        names = [] if node is None else [a.arg for a in (*node.args.posonlyargs, *node.args.args)]
+        names = names[names[:1] == ["self"] :]
+        passed = names[place] if isinstance(place, int) and place < len(names) else place
+        if node is None or not isinstance(passed, str) or (module, function) in self._seen:
+            return
+        self._seen.add((module, function))
+        for call in (n for n in ast.walk(node) if isinstance(n, ast.Call)):
+            places: list[int | str | None] = [
+                i for i, a in enumerate(call.args) if isinstance(a, ast.Name) and a.id == passed
+            ]
+            places += [
+                k.arg
+                for k in call.keywords
+                if isinstance(k.value, ast.Name) and k.value.id == passed
+            ]
+            if places and places[0] is not None and isinstance(call.func, ast.Name):
+                self._visit(module, *self._origin(module, call.func.id), places[0])
+
+    def _visit(self, caller: str, module: str, function: str, place: int | str) -> None:
+        if self._definition(module, function) is None:
+            return
+        if module != caller and module not in self.entered:
+            self.entered.append(module)
+        elif module != caller:
+            self.returns += 1
+        self._follow(module, function, place)
+        self.returns += module != caller
+
+    def _definition(self, module: str, name: str) -> ast.FunctionDef | None:
+        tree = self._tree(module)
+        for node in [] if tree is None else tree.body:
+            if isinstance(node, ast.FunctionDef) and node.name == name:
+                return node
+            if isinstance(node, ast.ClassDef) and node.name == name:
+                inside = (n for n in node.body if isinstance(n, ast.FunctionDef))
+                return next((n for n in inside if n.name == "__init__"), None)
+            if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == name:
+                wrapped = [a.id for a in ast.walk(node.value) if isinstance(a, ast.Name)]
+                return next((f for w in wrapped if (f := self._definition(module, w))), None)
+        return None
+
+    def _origin(self, module: str, name: str) -> tuple[str, str]:
+        tree = self._tree(module)
+        for node in ast.walk(tree) if tree is not None else ():
+            if isinstance(node, ast.ImportFrom) and node.module:
+                for alias in node.names:
+                    if (alias.asname or alias.name) == name:
+                        return node.module, alias.name
+        return module, name
+
+
+def walks(root: Path) -> dict[str, Walk]:
+    """Return the walk from the derivation of each result, longest first."""
+    importlib.import_module("rona_core.compose")  # declares the steps
+    from rona_core.app.declarations.registry import REGISTRY
+
+    found: dict[str, Walk] = {}
+    for step in REGISTRY.steps:
+        for result in step.results:
+            if result.derive is not None:
+                derive = inspect.unwrap(result.derive)
+                name = f"{result.name} ({derive.__module__}.{derive.__name__})"
+                found[name] = Walk(root, derive.__module__, derive.__name__)
+    return dict(sorted(found.items(), key=lambda item: -len(item[1].entered)))
 
 
 def main(root: Path) -> None:
     """Print all figures."""
-    own = [name for name in (*PRODUCT, "tests", "benchmarks", "examples") if (root / name).is_dir()]
-    full = entries(root, *own)
-    print("fullest folders:", ", ".join(f"{name} {n}" for name, n in list(full.items())[:5]))
+    paths = modules(root, *PRODUCT)
+    counts = {path: lines(path) for path in paths}
+    imported = {path: import_lines(path) for path in paths}
+    total = sum(counts.values())
+    short = [path for path in paths if path.name != "__init__.py" and counts[path] < 60]
+    worst = max(
+        paths, key=lambda path: (counts[path] >= 60) * imported[path] / max(counts[path], 1)
+    )
+    print("statements, docstrings aside:", sum(map(statements, paths)))
+    print("lines:", total, "| neither blank nor comment:", sum(map(code_lines, paths)))
+    print(
+        f"import lines: {100.0 * sum(imported.values()) / total:.1f} % | most in",
+        f"{worst.relative_to(root)}: {100.0 * imported[worst] / counts[worst]:.0f} %",
+    )
+    print("modules:", len(paths), "| under 60 lines:", len(short))
+    print("longest:", *(f"{p.relative_to(root)} {counts[p]}" for p in _largest(paths, counts)))
     for title, found in (
         ("circles", circles(root, *PRODUCT)),
         ("functions of more than 7 parameters", wide_functions(root, *PRODUCT)),
         ("functions of more than 60 lines", long_functions(root, *PRODUCT)),
     ):
         print(f"{title}: {len(found)}", *found, sep="\n    ")
-    paths = modules(root, *PRODUCT)
-    print("modules:", len(paths))
-    print("product lines, neither blank nor comment:", sum(map(code_lines, paths)))
-    print("`Any` in rona_core/app:", word_count(root, "rona_core/app", "Any"))
+    print("walks from derivations, files entered / returns:")
+    for name, walk in walks(root).items():
+        print(f"    {len(walk.entered):3} / {walk.returns:3}  {name}")
+
+
+def _largest(paths: list[Path], counts: dict[Path, int]) -> list[Path]:
+    return sorted(paths, key=lambda path: -counts[path])[:3]
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ from benchmarks.suites.accuracy.judged_maps import judge
 from benchmarks.suites.honesty.judged import INTERVAL, grouped, honesty, rows
 from benchmarks.suites.procedure.procedure import SKULLS, data_folder
 from rona_core.app.steps.maps.accuracy import map_accuracy
+from rona_core.app.steps.maps.error_budget import error_budgets
 from rona_core.app.steps.setup.messages import SetSeed
 from rona_core.compose import (
     SIMULATED,
@@ -31,7 +32,6 @@ from rona_core.compose import (
 from rona_core.devices.world_settings import NOMINAL_WORLD, REALISTIC_WORLD, WorldSettings
 from rona_core.errors import RonaError
 from rona_core.evaluation.truth import truth_of
-from rona_core.mapping.accuracy.error_budget import error_budgets
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
 

@@ -13,7 +13,7 @@ from numpy.random import Generator
 from benchmarks.metric import Metric
 from rona_core.app.dependencies.inputs import required
 from rona_core.app.dependencies.staleness import input_digests
-from rona_core.app.procedure import PROCEDURE, run_procedure
+from rona_core.app.procedure import run_procedure, stages
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.maps.accuracy import map_accuracy
 from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
@@ -36,7 +36,7 @@ from rona_core.robot.planning.plan_scan import plan_scan
 from rona_core.session.document import Derived, SecondPass, Session
 
 LIMIT_MM = 0.3  # of the deviation that a cell's thickness has for itself
-FIRST_PASS = tuple(step for step in PROCEDURE if step[0] != "second")
+FIRST_PASS = stages("maps", skip=("gaps", "second"))
 LEAST_FALL = 0.7  # of the share over the limit
 
 Rows = list[tuple[Floats, Floats]]
@@ -61,7 +61,7 @@ def next_figures(bench: Workbench, seed: int) -> NextFigures | None:
     Raises:
         RonaError: the procedure did not come to its end.
     """
-    ending = run_procedure(bench, messages=FIRST_PASS)
+    ending = run_procedure(bench, FIRST_PASS)
     if not ending.completed:
         raise RonaError(f"step {ending.failed_step}: {ending.reason}")
     session = bench.session

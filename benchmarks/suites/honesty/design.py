@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from rona_core.app.procedure import run_procedure
+from rona_core.app.procedure import TO_MAPS, run_procedure
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.setup.messages import (
     SetPointer,
@@ -65,7 +65,7 @@ def session_of(seed: int) -> Session:
     """
     bench = bench_of(seed)
     try:
-        ending = run_procedure(bench)
+        ending = run_procedure(bench, TO_MAPS)
         session = bench.session
     finally:
         bench.close()

@@ -4,12 +4,12 @@ import numpy as np
 
 from benchmarks.suites.honesty.design import bench_of
 from benchmarks.suites.honesty.judged import Judged
-from rona_core.app.procedure import PROCEDURE, run_procedure
+from rona_core.app.procedure import run_procedure, stages
 from rona_core.app.steps.scan.inputs import DELAY
 from rona_core.errors import RonaError
 
 SEEDS = range(40_200, 40_260)
-UP_TO_MAPS = PROCEDURE[: [step for step, _ in PROCEDURE].index("maps") + 1]
+FIRST_MAPS = stages("detection")
 
 
 def judge(seed: int) -> list[Judged]:
@@ -20,7 +20,7 @@ def judge(seed: int) -> list[Judged]:
     """
     bench = bench_of(seed)
     try:
-        ending = run_procedure(bench, messages=UP_TO_MAPS)
+        ending = run_procedure(bench, FIRST_MAPS)
         session = bench.session
     finally:
         bench.close()

@@ -14,7 +14,7 @@ from numpy.random import Generator
 
 from benchmarks.suites.implant.rehearsed_beds import GUARDS, laid, planned, task_with_roll
 from rona_core.app.steps.implant.implant_bed import ImplantBed
-from rona_core.app.steps.implant.messages import ImplantName, StartBedSearch
+from rona_core.app.steps.implant.messages import StartBedSearch
 from rona_core.app.steps.implant.milling_motion import milling_plan_of
 from rona_core.app.steps.implant.rehearsal_task import FloorDetector, FloorScan, RaisedMilling
 from rona_core.compose import milling_site, new_workbench
@@ -60,7 +60,7 @@ class AcceptedBed:
 
 
 def rehearsed_beds(
-    number: int, session: Session, beds: Mapping[ImplantName, int], generator: Generator
+    number: int, session: Session, beds: Mapping[str, int], generator: Generator
 ) -> Iterator[AcceptedBed]:
     """Yield rehearsals of the accepted beds of a patient.
 
@@ -88,7 +88,7 @@ def rehearsed_beds(
 
 
 def accepted(
-    session: Session, beds: Mapping[ImplantName, int], generator: Generator
+    session: Session, beds: Mapping[str, int], generator: Generator
 ) -> Iterator[tuple[Session, bool]]:
     """Yield the session with each accepted bed, and whether that is the one of the search."""
     for name, most in beds.items():
@@ -103,7 +103,7 @@ def accepted(
             yield other, False
 
 
-def _searched(session: Session, name: ImplantName) -> Session | None:
+def _searched(session: Session, name: str) -> Session | None:
     """Return the session with the bed that step 10 finds; None: it is larger than the maps."""
     bench = new_workbench(session)
     try:
@@ -116,7 +116,7 @@ def _searched(session: Session, name: ImplantName) -> Session | None:
 
 
 def _further(
-    session: Session, held: ImplantBed, name: ImplantName, count: int, generator: Generator
+    session: Session, held: ImplantBed, name: str, count: int, generator: Generator
 ) -> Iterator[Session]:
     """Yield the session with beds where the search would accept them as well, drawn."""
     if held.placed is None or held.probability is None or session.results.maps is None:

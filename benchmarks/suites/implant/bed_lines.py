@@ -14,9 +14,8 @@ import numpy as np
 
 from benchmarks.metric import Metric, Progress
 from benchmarks.suites.accuracy.next_lines import Rows, closer_rows, random_rows
-from rona_core.app.procedure import PROCEDURE
+from rona_core.app.procedure import stages
 from rona_core.app.steps.implant.bed_lines import bed_hearing, derive_bed_lines
-from rona_core.app.steps.implant.burr.messages import StartBurrCapture
 from rona_core.app.steps.implant.derivation import derive_search
 from rona_core.app.steps.implant.implant_bed import ImplantBed
 from rona_core.app.steps.implant.messages import StartBedLines, StartBedSearch
@@ -35,10 +34,7 @@ from rona_core.session.document import Derived, Session
 from rona_core.session.files import load_session
 
 SEEDS = range(42_080, 42_106)
-MESSAGES = (
-    *(step for step in PROCEDURE if step[0] != "second"),
-    ("implant", StartBurrCapture()),
-)
+ONE_PASS = stages("burr", skip=("gaps", "second"))
 FILES: tuple[Path, ...] = ()  # sessions with virtual devices that count as well
 KINDS = ("best lines", "random lines", "even rows over the map", "even rows over the bed")
 DOUBT = 0.9  # P of each bed before
@@ -78,7 +74,7 @@ def run(progress: Progress) -> list[Metric]:
 def _sessions(progress: Progress) -> Iterator[Session]:
     for seed in SEEDS:
         progress(f"seed {seed}")
-        yield run_demo(seed, messages=MESSAGES)[0]
+        yield run_demo(seed, among=ONE_PASS)[0]
     for path in FILES:
         progress(path.name)
         yield load_session(path)

@@ -17,13 +17,12 @@ from benchmarks.metric import Metric, Progress
 from benchmarks.suites.implant.accepted_beds import STOPPING, AcceptedBed, rehearsed_beds
 from benchmarks.suites.implant.patient_beds import with_burr
 from benchmarks.suites.implant.placement import interval
-from rona_core.app.steps.implant.messages import ImplantName
 from rona_core.session.document import Session
 
 SEEDS = range(41_100, 41_160)
 FILES: tuple[Path, ...] = ()  # sessions with virtual devices that count as well
 # implant -> beds of it at most, the one that the search finds among them
-BEDS: Mapping[ImplantName, int] = {"BCI 602": 2, "CI receiver": 2, "Osia/Baha screw": 4}
+BEDS: Mapping[str, int] = {"BCI 602": 2, "CI receiver": 2, "Osia/Baha screw": 4}
 MOST_FALSE = 0.01  # share of beds
 NEAR_MM = 2.0  # of true bone: beds that leave less are told apart
 SPARE_MM = 0.3  # of bone below a burr that was stopped in another bed: for nothing as well

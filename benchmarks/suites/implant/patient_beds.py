@@ -23,7 +23,7 @@ from rona_core.app.steps.implant.derivation import (
     milling_settings,
 )
 from rona_core.app.steps.implant.implant_bed import ImplantBed
-from rona_core.app.steps.implant.messages import ImplantName, StartBedSearch
+from rona_core.app.steps.implant.messages import StartBedSearch
 from rona_core.app.steps.implant.view import FLOOR_MM
 from rona_core.compose import new_workbench
 from rona_core.devices.protocols import never
@@ -54,7 +54,7 @@ TILT_DEG = 3.0  # at most, as in a search
 LIFTS_MM = (0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
 LEAST_DEPTH_MM = 0.5
 ROUNDS = 16  # of finding a limit: halves of its range
-SEARCHED: tuple[ImplantName, ...] = ("BCI 602", "CI receiver", "Osia/Baha screw")
+SEARCHED: tuple[str, ...] = ("BCI 602", "CI receiver", "Osia/Baha screw")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,9 +15,7 @@ import numpy as np
 from benchmarks.metric import Metric, Progress
 from benchmarks.suites.implant.placement import interval
 from benchmarks.suites.implant.rehearsed_beds import Rehearsed, rehearsed
-from rona_core.app.procedure import PROCEDURE
-from rona_core.app.steps.implant.burr.messages import StartBurrCapture
-from rona_core.app.steps.implant.messages import StartBedSearch
+from rona_core.app.procedure import stages
 from rona_core.compose import run_demo
 from rona_core.geometry.arrays import Floats
 from rona_core.planning.rehearsal.breakthrough import PAST_MM
@@ -27,7 +25,7 @@ from rona_core.session.files import load_session
 SEEDS = range(39_156, 39_186)
 FILES: tuple[Path, ...] = ()  # sessions with virtual devices and a bed that count as well
 DEEP_BEDS = 9  # of each patient
-MESSAGES = (*PROCEDURE, ("implant", StartBurrCapture()), ("implant", StartBedSearch()))
+TO_BED = stages("implant")
 PLAIN_MM = 0.3  # past the inner boundary: a breakthrough that has to be felt
 LATE_MM = 0.5  # past it: too late
 SPARE_MM = 0.3  # of bone below a burr that was stopped: for nothing
@@ -46,7 +44,7 @@ def run(progress: Progress) -> list[Metric]:
 def _sessions(progress: Progress) -> Iterator[Session]:
     for seed in SEEDS:
         progress(f"seed {seed}")
-        yield run_demo(seed, messages=MESSAGES)[0]
+        yield run_demo(seed, among=TO_BED)[0]
     for path in FILES:
         progress(path.name)
         yield load_session(path)

@@ -9,7 +9,7 @@ from numpy.random import Generator
 
 from rona_core.app.runtime.handling import compute_result
 from rona_core.app.steps.implant.implant_bed import ImplantBed, PlacedBed
-from rona_core.app.steps.implant.messages import ImplantName, PlaceBed, PlanMilling
+from rona_core.app.steps.implant.messages import PlaceBed, PlanMilling
 from rona_core.app.steps.implant.milling_derivation import milling_model, robot_path_of
 from rona_core.app.steps.implant.milling_motion import milling_plan_of
 from rona_core.app.steps.implant.rehearsal_task import (
@@ -34,7 +34,7 @@ from rona_core.robot.trajectory.cutting_timing import path5d_at
 from rona_core.session.document import Session
 
 POSTURE_MM = 3.0  # of way, between postures for a bed that is not planned through the robot
-IMPLANTS: tuple[ImplantName, ...] = ("BCI 602", "BCI 601")  # the second is twice as deep
+IMPLANTS: tuple[str, ...] = ("BCI 602", "BCI 601")  # the second is twice as deep
 TOO_DEEP_MM = (-0.8, 0.4)  # least residual by the maps
 GUARDS = {
     "all guards": Guards(),
@@ -159,7 +159,7 @@ def _too_deep(
 
 
 def laid(
-    session: Session, held: ImplantBed, place: Placement, name: ImplantName, lift_mm: float
+    session: Session, held: ImplantBed, place: Placement, name: str, lift_mm: float
 ) -> tuple[Session, float] | None:
     """Return the session with a bed at a place, and what it leaves by the maps; None: not known."""
     angle, tilt_x, tilt_y = np.rad2deg((place.angle_rad, place.tilt_x_rad, place.tilt_y_rad))

@@ -11,10 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.metric import Metric, Progress, over_seeds
+from rona_core.app.declarations.figures import limit_of
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.head_reference import watch_head
 from rona_core.app.overview.acceptance import quality_rows
-from rona_core.app.procedure import PROCEDURE, run_procedure
+from rona_core.app.procedure import run_procedure, stages
 from rona_core.app.runtime.deriving import derive, derive_all
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.scan.head_view import head_figures
@@ -34,8 +35,8 @@ WORLDS = {
     "realistic": SetWorld(profile="realistic"),
     "hard": SetWorld(profile="hard"),
 }
-ONE_PASS = tuple(step for step in PROCEDURE if step[0] != "second")
-GOAL_COMMON_MM, GOAL_ALARMS = 0.05, 0.05
+ONE_PASS = stages("maps", skip=("gaps", "second"))
+GOAL_COMMON_MM, GOAL_ALARMS = limit_of("head_shift_error_mm"), 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +71,7 @@ def run_of(seed: int, world: SetWorld) -> HeadRun | None:
     bench = new_workbench(Session(name=f"head, seed {seed}"))
     bench.dispatch(SetSeed(seed))
     bench.dispatch(world)
-    completed = run_procedure(bench, messages=ONE_PASS).completed
+    completed = run_procedure(bench, ONE_PASS).completed
     session = bench.session
     bench.close()
     watch = watch_head(session, session.captures.scan)

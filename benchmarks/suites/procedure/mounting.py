@@ -8,7 +8,7 @@ Mapped as it is, and once more after the gauge plate; errors are those for the s
 import numpy as np
 
 from benchmarks.metric import Metric, Progress, over_seeds
-from rona_core.app.procedure import PROCEDURE, run_procedure
+from rona_core.app.procedure import run_procedure, stages
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.scan.messages import StartProbeMountingCapture
@@ -21,7 +21,7 @@ from rona_core.session.document import Session
 
 SEEDS = range(30_000, 30_006)
 WARMER_K, OFF_MM = 10.0, 0.3
-ONE_PASS = tuple(step for step in PROCEDURE if step[0] != "second")
+ONE_PASS = stages("maps", skip=("gaps", "second"))
 GOAL_RMS_MM, GOAL_BIAS_MM = 0.08, 0.05
 
 
@@ -33,7 +33,7 @@ def run(progress: Progress) -> list[Metric]:
         bench = new_workbench(Session(name=f"mounting, seed {seed}"))
         bench.dispatch(SetSeed(seed))
         bench.dispatch(SetWorld(line_excess_k=WARMER_K, mounting_mm=OFF_MM))
-        if run_procedure(bench, messages=ONE_PASS).completed:
+        if run_procedure(bench, ONE_PASS).completed:
             found["as it is"].append(errors_of(bench))
             bench.run(StartProbeMountingCapture())
             bench.run(StartMapping())

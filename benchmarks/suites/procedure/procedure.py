@@ -1,8 +1,7 @@
 """The whole procedure, over seeds of the simulated skull and over real skulls where present.
 
-Each run is ``rona_core.compose.run_demo``; docs/metrics.md says what each figure means, and
-``robot_share`` and ``published_speed`` here what ``outer_robot_rms_mm`` and
-``thickness_published_speed_rms_mm`` and ``unflagged_failure_published_speed_fraction`` are.
+Each run is ``rona_core.compose.run_demo``; ``robot_share`` and ``published_speed`` here compute
+what ``OF_RESULTS`` declares.
 """
 
 import os
@@ -13,7 +12,7 @@ from pathlib import Path
 
 from benchmarks.metric import Direction, Metric, Progress, over_seeds
 from benchmarks.timed_procedure import share_metrics, timed_procedure
-from rona_core.app.overview.acceptance import FIGURES
+from rona_core.app.declarations.figures import FIGURES, Figure
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.compose import DemoSkull, build_virtual_rig, new_workbench, run_demo
 from rona_core.devices.world_settings import REALISTIC_WORLD, WorldSettings
@@ -42,17 +41,30 @@ class Run:
         return float(value) if isinstance(value, int | float) else None
 
 
-@dataclass(frozen=True, slots=True)
-class Aim:
-    """A figure that is reported, what it shall be, and what the paper states."""
-
-    key: str
-    unit: str
-    direction: Direction
-    goal: float | None = None
-    paper: float | None = None
-
-
+OF_RESULTS = {  # figures that need more than the session of a run
+    figure.key: figure
+    for figure in (
+        Figure(
+            "outer_robot_rms_mm",
+            "Outer boundary, by the robot",
+            "mm",
+            "RMS of the robot's systematic error along the true normal, over the cells of the "
+            "outer map",
+        ),
+        Figure(
+            "thickness_published_speed_rms_mm",
+            "Thickness at the published speed, RMS",
+            "mm",
+            "`thickness_rms_mm` without a caliper, at the published speed",
+        ),
+        Figure(
+            "unflagged_failure_published_speed_fraction",
+            "Wrong inner boundary at the published speed, unflagged",
+            "",
+            "`unflagged_failure_fraction` without a caliper, at the published speed",
+        ),
+    )
+}
 KEYS = (
     "surface_rms_mm",
     "surface_sigma_predicted_mm",
@@ -76,18 +88,7 @@ KEYS = (
     "detection_failure_fraction",
     "flagged_fraction",
 )
-
-
-def _aim(key: str) -> Aim:
-    """Return the aim for a figure: the limit that the program judges it by."""
-    kind = FIGURES.get(key)
-    if kind is None:
-        return Aim(key, "share" if key.endswith("_fraction") else "mm", "lower")
-    direction: Direction = "lower" if kind.sense == "at most" else "higher"
-    return Aim(key, kind.unit or "share", direction, kind.limit, kind.paper)
-
-
-AIMS = tuple(_aim(key) for key in KEYS)
+REPORTED = tuple({**FIGURES, **OF_RESULTS}[key] for key in KEYS)
 
 
 def data_folder() -> Path:
@@ -160,17 +161,16 @@ def robot_share(session: Session) -> dict[str, float | None]:
 def summary(done: Sequence[Run]) -> list[Metric]:
     """Return median and worst of each figure, and how many runs came to their end."""
     metrics: list[Metric] = []
-    for aim in AIMS:
-        values = [run.number(aim.key) for run in done]
-        peer = "paper" if aim.paper is not None else None
+    for figure in REPORTED:
+        direction: Direction = "lower" if figure.sense == "at most" else "higher"
         metrics += over_seeds(
-            aim.key,
-            values,
-            aim.unit,
-            aim.direction,
-            goal=aim.goal,
-            peer=peer,
-            peer_value=aim.paper,
+            figure.key,
+            [run.number(figure.key) for run in done],
+            figure.unit or "share",
+            direction,
+            goal=figure.limit,
+            peer=None if figure.paper is None else "paper",
+            peer_value=figure.paper,
         )
     completed = float(sum(run.figures.get("completed") is True for run in done))
     goal = float(ceil(SHARE_COMPLETED * len(done)))

@@ -14,7 +14,8 @@ from rona_core.robot.collision.obstacles import Capsule, Hull, Obstacle, Obstacl
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.trajectory.joint_moves import joint_move
-from rona_core.robot.verification.verifier import Tolerances, verify_motion
+from rona_core.robot.verification.tolerances import Tolerances
+from rona_core.robot.verification.verifier import verify_motion
 
 CONFIGURATIONS = 1526  # the dense points of the longer scan over a sphere patch
 HEADS = 40

@@ -11,6 +11,7 @@ import numpy as np
 
 from benchmarks.metric import Metric, Progress, cpu_ms
 from benchmarks.reference.force_loop_bench import BenchRun, run_bench, wave_mm
+from rona_core.app.declarations.figures import limit_of
 from rona_core.calibration.timing.robot_latency import EchoSegment, estimate_pose_delay
 from rona_core.devices.settings import ContactSettings
 from rona_core.devices.wrench import JR3
@@ -22,7 +23,7 @@ from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.planning.plan_scan import plan_scan
 from rona_core.robot.trajectory.trajectory import Trajectory
 
-RMS_N, PEAK_N = 0.7, 6.0
+RMS_N, PEAK_N = limit_of("contact_force_rms_n"), limit_of("contact_force_peak_n")
 SLOW = ContactSettings()
 FAST = ContactSettings(period_ms=4.0, delay_ms=8.0, lag_ms=10.0)
 LOOPS = {"16 ms loop": SLOW, "4 ms loop": FAST}

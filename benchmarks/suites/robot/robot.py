@@ -4,7 +4,7 @@ import numpy as np
 
 from benchmarks.metric import Metric, Progress, cpu_ms
 from benchmarks.peers.inverse_kinematics import OneAnswer, agreement, all_answers
-from rona_core.devices.settings import ROBOTS
+from rona_core.devices.robots import ROBOTS
 from rona_core.geometry.arrays import Floats
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.pinocchio_model import PinocchioArm
@@ -21,7 +21,8 @@ SAME_RAD = 1e-5  # next to a singularity angles are known less well than the pos
 def run(progress: Progress) -> list[Metric]:
     """Return residuals of forward and inverse kinematics, completeness and CPU times."""
     metrics: list[Metric] = []
-    for name, title in ROBOTS.items():
+    for name, data in ROBOTS.items():
+        title = data.title
         progress(f"{title}: {RESIDUAL_POSES} random joint vectors")
         metrics += _arm(title, robot_model(name))
     return metrics

@@ -12,7 +12,7 @@ import numpy as np
 
 from benchmarks.metric import Metric, Progress, over_seeds
 from benchmarks.reference.map_coverage import bands, within
-from rona_core.app.procedure import WITHOUT_REFERENCES, run_procedure
+from rona_core.app.procedure import run_procedure, stages
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.acoustics.messages import StartCaliperMeasurements
 from rona_core.app.steps.maps.messages import StartMapping
@@ -26,8 +26,7 @@ SEEDS = range(31_000, 31_024)
 PROFILE: WorldProfile = "realistic"
 PUBLISHED, MEASURED = "published speed", "3 reference points"
 GOALS = {PUBLISHED: 0.40, MEASURED: 0.28}  # of the map, median over patients, in mm
-# up to the first map
-ONE_PASS = tuple(step for step in WITHOUT_REFERENCES if step[0] != "second")[:-1]
+ONE_PASS = stages("detection")
 KEYS = (
     "thickness_rms_mm",
     "scan_thickness_rms_mm",
@@ -77,7 +76,7 @@ def one_patient(seed: int, runs: Runs) -> None:
     try:
         bench.dispatch(SetSeed(seed))
         bench.dispatch(SetWorld(profile=PROFILE))
-        if not run_procedure(bench, messages=ONE_PASS).completed:
+        if not run_procedure(bench, ONE_PASS).completed:
             runs.refuse(PUBLISHED)
             runs.refuse(MEASURED)
             return

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import CancelledError as PoolCancelled
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, Protocol, TypeAlias, TypeVar, get_type_hints
+from typing import Any, Literal, Protocol, TypeAlias, TypeVar, get_type_hints
 
 from rona_core.app.declarations.inputs import Input, input_parts
 from rona_core.devices.live import Live
@@ -34,7 +34,7 @@ class Compute(Protocol):
         """Return ``function(*args, progress=…, cancel=…)``, computed here or elsewhere.
 
         Raises:
-            CancelledError: somebody cancelled.
+            CancelledError: ``cancel`` returned True.
         """
         ...
 
@@ -72,7 +72,7 @@ class ActivityContext:
         """Return ``function(*args)``, computed where ``compute`` does, watched and cancellable.
 
         Raises:
-            CancelledError: somebody cancelled.
+            CancelledError: ``cancel`` returned True.
         """
         return self.compute(function, *args, progress=self.progress, cancel=self.cancel)
 
@@ -82,7 +82,41 @@ class ActivityContext:
 Message: TypeAlias = Any
 Reason: TypeAlias = Callable[[Session], str | None]  # why something cannot be done; None: it can
 Arguments: TypeAlias = Mapping[str, object]
+# usable and weak are used by what follows; bad is there and fresh, and nothing uses it
+Standing: TypeAlias = Literal["usable", "weak", "missing", "stale", "blocked", "bad"]
 
+
+@dataclass(frozen=True, slots=True)
+class Remedy:
+    """What mends something that is not usable, in words and as a message that does it."""
+
+    words: str  # "plan the motion (step 7)"
+    message: Message | None = None  # None: no message does it, a person must act
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """State of a result or capture, why it is not usable, and what mends that."""
+
+    state: Standing
+    reason: str = ""
+    remedy: Remedy | None = None  # None where it is usable alone
+
+    def beside(self, words: str) -> str:
+        """Return ``words`` about something as a sentence, with why it is not used or weak."""
+        if self.holds:
+            return f"{words}; {self.reason}." if self.reason else f"{words}."
+        return f"{words}. Not used: {self.reason}."
+
+    @property
+    def holds(self) -> bool:
+        """Whether what follows uses it."""
+        return self.state in ("usable", "weak")
+
+
+USABLE = Judgement("usable")
+# of a value that is there and fresh, and the session that holds it
+Judge: TypeAlias = Callable[[Any, Session], Judgement]
 
 Perform: TypeAlias = Callable[[Message, Session, ActivityContext], Iterable[Message]]
 
@@ -95,7 +129,6 @@ class Command:
     handle: Callable[[Message, Session], Session] | None = None  # None: the store itself does it
     needs: tuple[Input[object], ...] = ()
     takes_stale: bool = False  # it looks itself at what is stale
-    blocked: Reason | None = None  # a further reason against it
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,8 +144,9 @@ class Activity:
     doing: str  # what people read while it runs
     needs: tuple[Input[object], ...] = ()
     drives_robot: bool = False
-    records: bool = False  # a capture, which has to fit into the session file
-    blocked: Reason | None = None  # a further reason against it
+    makes: tuple[str, ...] = ()  # names of the captures that it records
+    # a further reason against it, with its remedy; None: there is none
+    blocked: Callable[[Session], Judgement | None] | None = None
     check: Callable[[Message, Session], None] | None = None  # raises why this very one is blocked
     shown_in: str | None = None  # the step of the procedure it belongs to; None: the declaring one
     of_several_steps: bool = False
@@ -120,7 +154,7 @@ class Activity:
     @property
     def uses_devices(self) -> bool:
         """Whether it uses the devices, as one activity at a time may."""
-        return self.drives_robot or self.records
+        return self.drives_robot or bool(self.makes)
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,6 +171,7 @@ class Result:
     derive: Callable[..., object] | None  # None: it follows from no capture and is not replayed
     inputs: Mapping[str, Input[object]]
     wanted: str = ""  # what to do to get it
+    judged: Judge | None = None  # None: one that is fresh is usable
     recompute: Callable[[Any, Arguments, Progress, Cancel], object] | None = None
     types: tuple[type, ...] = ()  # further classes a session file may hold below Results.more
     known: type | None = None  # the class of the values that ``derive`` takes; None: the session
@@ -151,9 +186,9 @@ class Result:
         derive: Callable[..., object],
         wanted: str,
         *,
+        judged: Judge | None = None,
         settings: tuple[str, ...] = (),
         recompute: Callable[[Any, Arguments, Progress, Cancel], object] | None = None,
-        spared: bool = False,
     ) -> "Result":
         """Declare a result by its derivation, from a class of inputs to the class of the result.
 
@@ -165,7 +200,7 @@ class Result:
         counted = input_parts(known).counted
         types = () if name in {part.name for part in fields(Results)} else (hints["return"],)
         return cls(
-            name, message, derive, counted, wanted, recompute, types, known, settings, spared
+            name, message, derive, counted, wanted, judged, recompute, types, known, settings
         )
 
 
@@ -176,7 +211,6 @@ class Capture:
     name: str
     wanted: str  # what to do to get it
     setup: tuple[Callable[[Session], list[object]], ...]  # digested in this order
-    earlier_setup: tuple[Callable[[Session], list[object]], ...] | None = None  # of older files
     after: Input[object] | None = None  # what it rests on
     # (session, recorded, append) -> what the session holds under the name; None: the recorded one
     place: Callable[[Session, Any, bool], object] | None = None
@@ -210,7 +244,15 @@ class StepLine:
     partial: Reason | None = None
     partial_without: bool = True  # whether that counts before there is a result, too
     stale: Reason = _no_reason  # a further reason for what is there to be stale
-    unusable: Reason = _no_reason  # why what is there is of no use
+
+
+@dataclass(frozen=True, slots=True)
+class Export:
+    """A file for other programs: its name, what it holds, and what makes it of a session."""
+
+    name: str
+    says: str
+    make: Callable[[Session], bytes]
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,5 +265,6 @@ class Step:
     activities: tuple[Activity, ...] = ()
     captures: tuple[Capture, ...] = ()
     results: tuple[Result, ...] = ()
+    exports: tuple[Export, ...] = ()
     line: StepLine | None = None
     part_of: str | None = None  # the step whose captures and results are listed with these

@@ -32,7 +32,7 @@ class Input(Generic[T_co]):
     wanted: str | None  # what to do to get it; None: as the result or capture declares
     upstream: str | None = None  # the result or capture ("capture scan") that may itself be stale
     optional: bool = False  # the result can do without it
-    earlier: Callable[[Session], object] | None = None  # how older files read it
+    takes_bad: bool = False  # a bad one will do, as long as ``read`` finds a value
     # what is digested where that is not the value: what is held, though it is not usable now
     counts: Callable[[Session], object] | None = None
 

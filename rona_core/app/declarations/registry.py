@@ -11,12 +11,14 @@ from rona_core.app.declarations.declarations import (
     Activity,
     Capture,
     Command,
+    Export,
     Result,
     Step,
     StepLine,
 )
-from rona_core.errors import InvalidInputError
+from rona_core.errors import InvalidInputError, NotFoundError
 from rona_core.session.codec import allow_type
+from rona_core.session.document import Session
 
 
 class Registry:
@@ -28,6 +30,7 @@ class Registry:
         self.outcomes: dict[str, Command] = {}
         self.activities: dict[str, Activity] = {}
         self.captures: dict[str, Capture] = {}
+        self.exports: dict[str, Export] = {}
         self._results: dict[str, dict[str, Result]] = {}  # name -> message -> declaration
         self._step_of: dict[str, Step] = {}  # message -> step that declares it
 
@@ -35,12 +38,13 @@ class Registry:
         """Add steps.
 
         Raises:
-            InvalidInputError: a step, message or capture of this name is declared already.
+            InvalidInputError: a step, message, capture or export of this name is declared already.
         """
         for step in steps:
             kinds = [part.message.__name__ for part in (*step.commands, *step.activities)]
             taken = [name for name in kinds if name in self._step_of]
             taken += [part.name for part in step.captures if part.name in self.captures]
+            taken += [part.name for part in step.exports if part.name in self.exports]
             if taken or any(step.name == known.name for known in self.steps):
                 raise InvalidInputError(f"declared twice: {', '.join([step.name, *taken])}")
             self._add(step, kinds)
@@ -51,6 +55,7 @@ class Registry:
         self.outcomes = self.outcomes | {part.message.__name__: part for part in step.outcomes}
         self.activities = self.activities | {p.message.__name__: p for p in step.activities}
         self.captures = self.captures | {part.name: part for part in step.captures}
+        self.exports = self.exports | {part.name: part for part in step.exports}
         self._step_of = self._step_of | dict.fromkeys(kinds, step)
         for result in step.results:
             made = self._results.get(result.name, {}) | {result.message.__name__: result}
@@ -68,6 +73,25 @@ class Registry:
             yield
         finally:
             vars(self).update(before)
+
+    def export(self, session: Session, name: str) -> bytes:
+        """Return a file of a session for other programs.
+
+        Places are in ``base``, in mm; the milling path is in ``bed``.
+
+        Args:
+            session: With the result that the file is made of.
+            name: One of ``exports``.
+
+        Raises:
+            NotFoundError: there is no such file.
+            StepBlockedError: its result is missing, or does not suffice.
+            StaleResultError: its result is out of date.
+            RonaError: the file cannot be made of this result; the message says why.
+        """
+        if name not in self.exports:
+            raise NotFoundError(f"there is no file {name!r} to export: {', '.join(self.exports)}")
+        return self.exports[name].make(session)
 
     @property
     def lines(self) -> dict[str, StepLine]:
@@ -102,6 +126,11 @@ class Registry:
     def activity_types(self) -> dict[str, type]:
         """All activities by name."""
         return {name: part.message for name, part in self.activities.items()}
+
+    @property
+    def result_names(self) -> tuple[str, ...]:
+        """Names of all declared results, in the order of the steps."""
+        return tuple(self._results)
 
     @property
     def replayed(self) -> tuple[str, ...]:

@@ -128,8 +128,4 @@ def head_input(*captures: str) -> Input[HeadReference]:
         tracks = [track for capture in watched for track in (capture.head, capture.base)]
         return (*registered, *first, *tracks)
 
-    def watches(session: Session) -> object:
-        found = (watch_head(session, capture) for capture in _held(session, captures))
-        return tuple(watch for watch in found if watch is not None)
-
-    return Input(head_of, "watch the head marker", optional=True, earlier=watches, counts=recorded)
+    return Input(head_of, "watch the head marker", optional=True, counts=recorded)

@@ -33,9 +33,14 @@ def wanted_for(item: Input[object]) -> str:
     """Return what to do to get an input."""
     if item.wanted is not None or item.upstream is None:
         return item.wanted or ""
-    if item.upstream.startswith(CAPTURE):
-        return REGISTRY.captures[item.upstream.removeprefix(CAPTURE)].wanted
-    return REGISTRY.result(item.upstream).wanted
+    return wanted_of(item.upstream)
+
+
+def wanted_of(name: str) -> str:
+    """Return what to do to get a result (``"roll"``) or capture (``"capture scan"``)."""
+    if name.startswith(CAPTURE):
+        return REGISTRY.captures[name.removeprefix(CAPTURE)].wanted
+    return REGISTRY.result(name).wanted
 
 
 def missing(inputs: tuple[Input[object], ...], session: Session) -> str | None:

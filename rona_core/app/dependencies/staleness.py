@@ -1,6 +1,5 @@
 """Staleness: whether the inputs of a result, or the set-up of a capture, have changed since."""
 
-from collections.abc import Callable
 from typing import Any
 
 from rona_core.app.declarations.inputs import Input, is_missing
@@ -15,28 +14,13 @@ from rona_core.session.codec import digest
 from rona_core.session.document import Derived, Session
 from rona_core.session.memo import Memo
 
-Part = Callable[[Session], list[object]]
-
 
 def capture_setup_digest(kind: str, session: Session) -> str:
     """Return a digest of the part of the set-up that a capture of this kind depends on."""
-    return _digest(REGISTRY.captures[kind].setup, session)
-
-
-def known_setup_digests(kind: str, session: Session) -> tuple[str, ...]:
-    """Return the digests under which a capture of this kind counts as taken with this set-up.
-
-    Beside the present one it is that of older files, which depended on more.
-    """
-    declared = REGISTRY.captures[kind]
-    rules = (declared.setup, declared.earlier_setup)
-    return tuple(_digest(parts, session) for parts in rules if parts is not None)
-
-
-def _digest(parts: tuple[Part, ...], session: Session) -> str:
     seen: list[object] = [session.setup.seed]
-    if session.setup.world.profile != NOMINAL_WORLD.profile:  # older captures know no other
+    if session.setup.world.profile != NOMINAL_WORLD.profile:
         seen.append(session.setup.world.profile)
+    parts = REGISTRY.captures[kind].setup
     return digest(seen + [value for part in parts for value in part(session)])
 
 
@@ -99,16 +83,9 @@ def _stale_reason(name: str, session: Session) -> str | None:
                 continue
             return f"the {name} result was computed without {key}: compute it again"
         lost = nothing and not item.optional
-        if lost or not _is_as_held(item, value, derived.inputs.get(key), session):
+        if lost or derived.inputs[key] != digest_of(value):
             return f"{key} has changed since the {name} result was computed"
     return None
-
-
-def _is_as_held(item: Input[object], value: object, held: str | None, session: Session) -> bool:
-    """Return whether an input still has the digest that a result remembers of it."""
-    if held == digest_of(value):
-        return True
-    return item.earlier is not None and held == digest_of(item.earlier(session))
 
 
 def stale_root(inputs: tuple[Input[object], ...], session: Session) -> Input[object] | None:
@@ -117,7 +94,7 @@ def stale_root(inputs: tuple[Input[object], ...], session: Session) -> Input[obj
     It is stale itself, not for the sake of something before it, and belongs to the earliest step.
     """
     found = [root for item in inputs for root in _stale_roots(item, session)]
-    return min(found, key=lambda root: _place(root.upstream or ""), default=None)
+    return min(found, key=lambda root: place_of(root.upstream or ""), default=None)
 
 
 def _stale_roots(item: Input[object], session: Session) -> list[Input[object]]:
@@ -134,18 +111,37 @@ def _stale_roots(item: Input[object], session: Session) -> list[Input[object]]:
     return roots or [item]
 
 
-def _place(name: str) -> int:
-    """Return where in the procedure a result or capture comes; what is of no step comes last."""
-    step = name.removeprefix(CAPTURE)
-    names = REGISTRY.step_names
-    return names.index(step) if step in names else len(names)
+def is_orphan(item: Input[object], session: Session) -> bool:
+    """Return whether a capture lacks the result it rests on: a file too old to hold the plan.
+
+    Its scan can be mapped.
+    """
+    if item.upstream is None or not item.upstream.startswith(CAPTURE):
+        return False
+    after = REGISTRY.captures[item.upstream.removeprefix(CAPTURE)].after
+    if after is None or after.upstream is None or after.upstream.startswith(CAPTURE):
+        return False
+    return session.results.get(after.upstream) is None
+
+
+def place_of(name: str) -> int:
+    """Return where in the procedure a result or capture comes; -1 for none of them."""
+    names = [
+        part
+        for step in REGISTRY.steps
+        for part in (
+            *(f"{CAPTURE}{c.name}" for c in step.captures),
+            *(r.name for r in step.results),
+        )
+    ]
+    return names.index(name) if name in names else -1
 
 
 def _stale_capture(kind: str, session: Session) -> str | None:
     held = session.captures.get(kind)
     captures = held if isinstance(held, tuple) else (held,)
-    known = known_setup_digests(kind, session)
-    if any(_is_of_another(capture, known, session) for capture in captures):
+    present = capture_setup_digest(kind, session)
+    if any(_is_of_another(capture, present, session) for capture in captures):
         return f"the set-up or plan has changed since the {kind} capture was taken"
     after = REGISTRY.captures[kind].after
     if after is not None and after.upstream is not None and held is not None:
@@ -153,7 +149,7 @@ def _stale_capture(kind: str, session: Session) -> str | None:
     return None
 
 
-def _is_of_another(capture: Capture | None, known: tuple[str, ...], session: Session) -> bool:
+def _is_of_another(capture: Capture | None, present: str, session: Session) -> bool:
     if isinstance(capture, PointerCapture) and is_imported(capture):
         return capture.pointer != session.setup.devices.pointer  # all that it depends on
-    return capture is not None and capture.setup_digest not in known
+    return capture is not None and capture.setup_digest != present

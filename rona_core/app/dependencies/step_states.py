@@ -3,11 +3,10 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from rona_core.app.declarations.declarations import StepLine
+from rona_core.app.declarations.declarations import USABLE, Judgement, StepLine
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.inputs import missing
-from rona_core.app.dependencies.requirements import blocked_reason
-from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.dependencies.judge import STOPPED_EARLY, blocked, judge
 from rona_core.session.document import Session
 
 State = Literal["done", "partial", "ready", "blocked", "stale"]
@@ -33,25 +32,36 @@ def step_states(session: Session) -> tuple[StepState, ...]:
     )
 
 
+def step_judgement(name: str, session: Session) -> Judgement:
+    """Return the judgement of what a step leaves behind: the first part that is not usable."""
+    found = [judge(item, session) for item in REGISTRY.lines[name].leaves(session)]
+    lacking = [one for one in found if not one.holds] or [one for one in found if one.reason]
+    return lacking[0] if lacking else USABLE
+
+
 def _step_state(number: int, name: str, line: StepLine, session: Session) -> StepState:
-    blocked = None if line.message is None else blocked_reason(line.message, session)
-    state, reason = _state(line, session, blocked)
-    return StepState(number, name, line.title, state, reason, blocked)
+    hindrance = None if line.message is None else blocked(line.message, session)
+    against = None if hindrance is None else hindrance.reason
+    state, reason = _state(line, session, against)
+    return StepState(number, name, line.title, state, reason, against)
 
 
-def _state(line: StepLine, session: Session, blocked: str | None) -> tuple[State, str]:
+def _state(line: StepLine, session: Session, against: str | None) -> tuple[State, str]:
     if line.message is None:
         return "done", line.summary(session)
     leaves = line.leaves(session)
     there = missing(leaves, session) is None
     if there:
-        for name in (item.upstream or "" for item in leaves):
-            if (reason := line.stale(session) or stale_reason(name, session)) is not None:
-                return "stale", reason
-        if line.unusable(session) is not None:
+        found = [judge(item, session) for item in leaves]
+        if (reason := line.stale(session)) is not None:
+            return "stale", reason
+        for one in found:
+            if one.state == "stale":
+                return "stale", one.reason
+        if not all(one.holds for one in found):
             return "ready", line.summary(session)
-    elif blocked is not None:
-        return "blocked", blocked
+    elif against is not None:
+        return "blocked", against
     partial = partial_reason(line, session)
     if partial is not None and (there or line.partial_without):
         return "partial", partial
@@ -66,5 +76,5 @@ def partial_reason(line: StepLine, session: Session) -> str | None:
         held = item.read(session)
         strokes = held if isinstance(held, tuple) else (held,)
         if any(getattr(stroke, "partial", False) for stroke in strokes):
-            return "the recording was stopped early: do it again, or go on with what came"
+            return STOPPED_EARLY
     return None

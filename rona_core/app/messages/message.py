@@ -4,10 +4,10 @@ Lengths are in millimetres, angles typed by people in degrees, times in seconds.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from typing import Any, TypeVar, dataclass_transform
 
-from rona_core.devices.limits import limited, require_limits
+from rona_core.devices.limits import require_limits
 from rona_core.devices.settings import STRICT
 from rona_core.session.captures import Capture
 
@@ -15,12 +15,7 @@ T = TypeVar("T")
 Point = tuple[float, float, float]
 
 
-def within(low: float, high: float, *, default: Any = MISSING, **words: Any) -> Any:
-    """Declare a field with limits, both allowed; in a tuple each value keeps them, None may be."""
-    return limited(default, minimum=low, maximum=high, **words)
-
-
-@dataclass_transform(frozen_default=True, field_specifiers=(field, within))
+@dataclass_transform(frozen_default=True, field_specifiers=(field,))
 def message(kind: type[T]) -> type[T]:
     """Make a class a message: frozen, its limits checked first, unknown fields refused in JSON."""
     further: Callable[[T], None] | None = getattr(kind, "__post_init__", None)

@@ -1,16 +1,13 @@
-"""The figures of a session beside their limits and the paper's: what passes and what does not.
-
-What each figure means is said in ``docs/metrics.md``; limits are goals of this program.
-"""
+"""The figures of a session beside their limits and the paper's: what passes and what does not."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from rona_core.app.declarations.figures import FIGURES, PREDICTED, SECTIONS, Figure, Sense
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.inputs import CAPTURE
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.overview.figure_kinds import FIGURES, Sense
 from rona_core.app.steps.boundaries.probe_advice import probe_advice
 from rona_core.app.steps.scan.head_view import unwatched
 from rona_core.app.steps.scan.landmarks.gate import verification
@@ -34,6 +31,8 @@ class QualityRow:
     sense: Sense
     verdict: Verdict
     paper: float | None
+    section: str  # of the table of figures
+    says: str  # what it means
     step: str  # that it judges
     reason: str = ""  # why it does not pass, where that is known
     stale_reason: str | None = None  # why it is left out
@@ -57,12 +56,24 @@ class Judgement:
     missed: tuple[QualityRow, ...]  # the worst first
 
 
-CALIBRATED = {
-    "tool_tip_sigma_mm": "tool",
-    "tracker_registration_sigma_mm": "tool",
-    "pointer_tip_sigma_mm": "pointer",
-    "burr_tip_sigma_mm": "burr",
-}
+@dataclass(frozen=True, slots=True)
+class QualitySection:
+    """Figures that belong together, each with the prediction of it where there is one."""
+
+    title: str
+    rows: tuple[tuple[QualityRow, QualityRow | None], ...]
+    left_out: tuple[QualityRow, ...]  # of stale results
+
+
+@dataclass(frozen=True, slots=True)
+class QualityTable:
+    """All figures that have a value: predictions first, then sections versus ground truth."""
+
+    predicted: tuple[QualityRow, ...]
+    sections: tuple[QualitySection, ...]  # those that are not empty
+
+
+ELSEWHERE = ("Outer boundary by cause", "Thickness by cause", "The run as a whole")
 OWN_WORD: dict[str, Verdict] = {"good": "pass", "weak": "review", "bad": "fail"}
 WORST_FIRST: tuple[Verdict, ...] = ("fail", "review", "pass", "none")
 CONTRADICTED = "the caliper contradicts the echoes, so the inner map may be of another boundary"
@@ -87,7 +98,11 @@ def quality_rows(
     """
     if session is not None:
         figures = {**figures, **_known_at_once(session)}
-    return tuple(_row(key, figures.get(key), figures, session) for key in FIGURES)
+    return tuple(
+        _row(figure, section, figures, session)
+        for section, part in SECTIONS.items()
+        for figure in part
+    )
 
 
 def _known_at_once(session: Session) -> dict[str, float]:
@@ -106,36 +121,35 @@ def _known_at_once(session: Session) -> dict[str, float]:
 
 
 def _row(
-    key: str,
-    value: float | int | str | bool | None,
-    figures: Mapping[str, Any],
-    session: Session | None,
+    figure: Figure, section: str, figures: Mapping[str, Any], session: Session | None
 ) -> QualityRow:
-    kind = FIGURES[key]
-    limit, stale, reason = kind.limit, None, ""
+    key, value = figure.key, figures.get(figure.key)
+    limit, stale, reason = figure.limit, None, ""
     if key == "path_deviation_max_mm" and session is not None:
         limit = _tolerance_mm(session, limit)
     if key == "rolls_feasible" and figures.get("roll_mode") == "variable":
         limit = None  # a roll that varies does what no constant one may be able to
-    if session is not None and kind.of and value is not None:
-        stale = stale_reason(kind.of, session)
+    if session is not None and figure.of and value is not None:
+        stale = stale_reason(figure.of, session)
     value = None if stale else value
-    judged = verdict(value, limit, kind.sense)
+    judged = verdict(value, limit, figure.sense)
     if session is not None and value is not None:
-        judged, reason = _with_own_word(key, judged, session)
+        judged, reason = _with_own_word(figure, judged, session)
     if session is not None and key == "head_motion_mm" and (why := unwatched(session)) is not None:
         judged, reason = "review", why
     return QualityRow(
         key=key,
-        title=kind.title,
+        title=figure.title,
         value=value,
-        unit=kind.unit,
-        decimals=kind.decimals,
+        unit=figure.unit,
+        decimals=figure.decimals,
         limit=limit,
-        sense=kind.sense,
+        sense=figure.sense,
         verdict=judged,
-        paper=kind.paper,
-        step=_step_of(kind.of),
+        paper=figure.paper,
+        section=section,
+        says=figure.says,
+        step=_step_of(figure.of),
         reason=reason,
         stale_reason=stale,
     )
@@ -148,10 +162,11 @@ def _step_of(part: str) -> str:
     return next(listed, "maps")
 
 
-def _with_own_word(key: str, judged: Verdict, session: Session) -> tuple[Verdict, str]:
+def _with_own_word(figure: Figure, judged: Verdict, session: Session) -> tuple[Verdict, str]:
     """Return the verdict with what the session itself says of the figure, and why."""
-    if key in CALIBRATED:
-        held = session.results.get(CALIBRATED[key])
+    key = figure.key
+    if figure.own_verdict:
+        held = session.results.get(figure.of)
         if held is not None and OWN_WORD[held.value.verdict] != "pass":
             return worst((judged, OWN_WORD[held.value.verdict])), "; ".join(held.value.reasons)
     if key in ("landmark_distance_mm", "tracker_registration_sigma_mm"):
@@ -212,3 +227,52 @@ def _tolerance_mm(session: Session, otherwise: float | None) -> float | None:
     if smoothing.arguments.get("metric", "k1") != "k1":
         return None
     return float(tolerance) if isinstance(tolerance, int | float) else otherwise
+
+
+def quality_table(rows: Iterable[QualityRow]) -> QualityTable:
+    """Return figures by section; those without a value are left out.
+
+    Causes of errors stand beside their predictions in the error budget of step 9, and what ended a
+    run in its last line.
+    """
+    rows = tuple(row for row in rows if row.section not in ELSEWHERE)
+    present = [row for row in rows if row.value is not None]
+    expected = {row.key: row for row in present if row.key in PREDICTED}
+    sections: list[QualitySection] = []
+    for title in SECTIONS:
+        part = tuple(
+            (row, expected.get(FIGURES[row.key].truth_of))
+            for row in present
+            if row.section == title and row.key not in expected
+        )
+        left_out = tuple(row for row in rows if row.stale_reason and row.section == title)
+        if part or left_out:
+            sections.append(QualitySection(title, part, left_out))
+    return QualityTable(tuple(expected.values()), tuple(sections))
+
+
+def pending_figures(session: Session, judged: Session | None) -> frozenset[str]:
+    """Return the keys of figures of ``session`` that are still to be computed.
+
+    They are those of results and captures that ``judged`` does not hold.
+
+    Args:
+        session: The present session.
+        judged: The session that the present figures belong to, None where there are none.
+    """
+    if judged is session:
+        return frozenset()
+    return frozenset(
+        figure.key
+        for figure in FIGURES.values()
+        if figure.of
+        and (part := _part(figure.of, session)) is not None
+        and (judged is None or part is not _part(figure.of, judged))
+        and stale_reason(figure.of, session) is None
+    )
+
+
+def _part(name: str, session: Session) -> object:
+    """Return a result (``"roll"``) or capture (``"capture scan"``) of a session, or None."""
+    held = session.captures if name.startswith(CAPTURE) else session.results
+    return held.get(name.removeprefix(CAPTURE))

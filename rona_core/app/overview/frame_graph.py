@@ -1,20 +1,29 @@
 """The frame graph of a session: its transforms, where they come from, and if they are stale."""
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rona_core.app.dependencies.base_reference import placed_reason, reference_of
+from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.steps.implant.burr.registration import BurrRegistration
+from rona_core.app.steps.implant.implant_bed import ImplantBed
 from rona_core.calibration.hand_eye.base_marker import point_sigmas_mm
+from rona_core.calibration.hand_eye.head_motion import head_reference
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.devices.live import LiveState
+from rona_core.devices.samples import ToolTrack
+from rona_core.devices.settings import SONO
 from rona_core.errors import RonaError
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose
 from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.session.captures import PointerCapture, is_imported
-from rona_core.session.document import Session
+from rona_core.session.document import Derived, Session
+from rona_core.ultrasound.acoustic_calibration.probe_mounting import ProbeMounting
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -23,11 +32,12 @@ class FrameRow:
 
     parent: str
     child: str
-    source: str  # step that made it, or "robot" (nominal), or "live"
+    source: str  # step that made it, and by what; or "robot" (nominal), or "live"
     pose: Pose
     stale_reason: str | None = None  # None while it is up to date
     time_utc: str | None = None  # when it was measured or computed; None: nominal, or now
-    sigma_mm: float | None = None  # predicted 3D error, of T_base_tracker at the skull
+    sigma_mm: float | None = None  # predicted 3D error, of T_base_tracker at the skull; None:
+    # nominal or live, or a place that was chosen and so has no error (map, bed)
     sigma_deg: float | None = None  # predicted RMS of the whole turn
 
     @property
@@ -43,16 +53,40 @@ class FrameRow:
 
 def frame_rows(session: Session, live: LiveState | None = None) -> tuple[FrameRow, ...]:
     """Return the transforms that the session holds, and what the devices report now."""
-    return (*_nominal(session), *_calibrated(session), *_reported(session, live or LiveState()))
-
-
-def _nominal(session: Session) -> tuple[FrameRow, ...]:
-    model = robot_model(session.setup.devices.robot.model)
     return (
+        *_tool(session),
+        *_calibrated(session),
+        *_head(session),
+        *_planned(session),
+        *_hand(session),
+        *_reported(session, live or LiveState()),
+    )
+
+
+def _tool(session: Session) -> tuple[FrameRow, ...]:
+    """Return the tool as drawn, but for what the gauge plate and the seat of the burr measured."""
+    model = robot_model(session.setup.devices.robot.model)
+    rows = (
         FrameRow("flange", "tip", "robot", model.T_flange_tip),
-        FrameRow("flange", "probe", "robot", model.T_flange_probe),
+        _probe(session, model),
         FrameRow("flange", "toolmarker", "robot", model.T_flange_toolmarker),
     )
+    burr: Derived[BurrRegistration] | None = session.results.get("burr")
+    if burr is None:
+        return rows
+    pose = Pose.from_translation(burr.value.offset_tip)
+    row = _made(session, "burr", ("tip", "burr"), pose, "implant, seat of the burr")
+    return (*rows, replace(row, sigma_mm=burr.value.tip_sigma_mm))
+
+
+def _probe(session: Session, model: RobotModel) -> FrameRow:
+    """Return the face of the probe: where its mounting was found, as drawn before or if bad."""
+    held: Derived[ProbeMounting] | None = session.results.get("mounting")
+    if held is None or judge_part("mounting", session).state == "bad":
+        return FrameRow("flange", "probe", "robot", model.T_flange_probe)
+    pose = model.T_flange_probe @ Pose.from_translation((0.0, 0.0, held.value.offset_mm))
+    row = _made(session, "mounting", ("flange", "probe"), pose, "scan, gauge plate")
+    return replace(row, sigma_mm=held.value.sigma_mm)
 
 
 def _calibrated(session: Session) -> tuple[FrameRow, ...]:
@@ -74,9 +108,71 @@ def _calibrated(session: Session) -> tuple[FrameRow, ...]:
     return tuple(rows)
 
 
-def _made(session: Session, step: str, edge: tuple[str, str], pose: Pose) -> FrameRow:
-    """Return an edge that a result made, without how sure it is."""
-    return FrameRow(*edge, step, pose, stale_reason(step, session), _made_utc(session, step))
+def _head(session: Session) -> tuple[FrameRow, ...]:
+    """Return the marker on the head as it lay in step 4, and the file of a loaded skull."""
+    strokes, rows = session.captures.surface, list[FrameRow]()
+    if strokes and strokes[0].head is not None:
+        with suppress(RonaError):  # seen too rarely, or the tracker was moved: no such frame
+            rows.append(_head_marker(session, strokes[0], strokes[0].head))
+    registered = session.results.registration
+    if registered is not None:
+        found = registered.value
+        T_base_skull = found.T_b_a.inv()
+        row = _made(session, "registration", ("base", "skull"), T_base_skull, "surface")
+        at_patch_mm = float(found.target_errors_mm((T_base_skull @ found.center_b)[None])[0])
+        turn_deg = _sigma_deg(found.covariance[:3, :3])
+        rows.append(replace(row, sigma_mm=at_patch_mm, sigma_deg=turn_deg))
+    return tuple(rows)
+
+
+def _head_marker(session: Session, first: PointerCapture, head: ToolTrack) -> FrameRow:
+    at = reference_of(session, first)
+    pose = at.T_base_tracker @ head_reference(head).T_tracker_headmarker
+    return FrameRow(
+        "base",
+        "headmarker",
+        "surface, head marker",
+        pose,
+        stale_reason("capture surface", session) or stale_reason("tool", session),
+        captured_utc(session, first.ordinal),
+        float(at.sigma_mm(pose.translation[None])[0]),
+        _sigma_deg(at.covariance[:3, :3]),
+    )
+
+
+def _planned(session: Session) -> tuple[FrameRow, ...]:
+    """Return the planes of the robot's maps and of the implant's seat."""
+    rows = list[FrameRow]()
+    maps = session.results.maps
+    bed: Derived[ImplantBed] | None = session.results.get("bed")
+    if maps is not None:
+        rows.append(_made(session, "maps", ("base", "map"), maps.value.outer.T_base_map))
+    if bed is not None and bed.value.placed is not None:
+        T_base_bed = bed.value.placed.T_base_bed
+        rows.append(_made(session, "bed", ("base", "bed"), T_base_bed, "implant"))
+    return tuple(rows)
+
+
+def _hand(session: Session) -> tuple[FrameRow, ...]:
+    """Return the probe in the hand, and the plane of its maps."""
+    rows, found, maps = list[FrameRow](), session.results.sono, session.results.sono_maps
+    if found is not None:
+        edge, by = ("sonomarker", "handprobe"), "maps, calibration by hand"
+        row = _made(session, "sono", edge, found.value.T_sonomarker_probe, by)
+        sigma = found.value.face_sigma_mm, found.value.axis_sigma_deg
+        rows.append(replace(row, sigma_mm=sigma[0], sigma_deg=sigma[1]))
+    if maps is not None:
+        edge, plane = (maps.value.frame, "handmap"), maps.value.maps.outer.T_base_map
+        rows.append(_made(session, "sono_maps", edge, plane, "maps, scan by hand"))
+    return tuple(rows)
+
+
+def _made(
+    session: Session, result: str, edge: tuple[str, str], pose: Pose, source: str = ""
+) -> FrameRow:
+    """Return an edge that a result made, without how sure it is; by default of its own step."""
+    reason, made_utc = stale_reason(result, session), _made_utc(session, result)
+    return FrameRow(*edge, source or result, pose, reason, made_utc)
 
 
 def _base_marker(session: Session, tool: ToolRegistration, pose: Pose) -> FrameRow:
@@ -140,8 +236,12 @@ def _moved_since(session: Session, stroke: PointerCapture | None) -> str | None:
 def _made_utc(session: Session, result: str) -> str | None:
     """Return when a result was computed, by the log."""
     made = session.results.get(result)
+    if made is None:
+        return None
     for entry in reversed(session.log):
-        if made and (entry.message, entry.arguments) == (made.message, made.arguments):
+        stored = entry.arguments.get("values")  # results of an activity, by name
+        outcome = isinstance(stored, dict) and result in stored
+        if outcome or (entry.message, entry.arguments) == (made.message, made.arguments):
             return entry.time_utc
     return None
 
@@ -167,8 +267,7 @@ def _reported(session: Session, live: LiveState) -> tuple[FrameRow, ...]:
         rows.append(FrameRow("base", "flange", "live", T_base_flange))
     pointer = session.setup.devices.pointer
     for sample in live.frame.tools if live.frame is not None else ():
-        known = sample.tool in ("toolmarker", "basemarker", pointer)
-        if sample.T_tracker_marker is not None and known:
-            child = "pointermarker" if sample.tool == pointer else sample.tool
+        child = {pointer: "pointermarker", SONO: "sonomarker"}.get(sample.tool, sample.tool)
+        if sample.T_tracker_marker is not None and child.endswith("marker"):
             rows.append(FrameRow("tracker", child, "live", sample.T_tracker_marker))
     return tuple(rows)

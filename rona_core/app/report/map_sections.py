@@ -10,13 +10,13 @@ from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.report.map_pictures import map_picture
 from rona_core.app.report.page import Html, joined, note, table, tag, tile
 from rona_core.app.report.thickness_graphs import section_graph, thickness_histogram
-from rona_core.app.steps.acoustics.view import loss_words, speed_state
+from rona_core.app.steps.acoustics.view import loss_words, speed_words
 from rona_core.app.steps.boundaries.probe_advice import probe_advice
 from rona_core.app.steps.maps.accuracy import map_accuracy
+from rona_core.app.steps.maps.error_budget import error_budgets
 from rona_core.app.steps.maps.export import map_sheet
 from rona_core.app.steps.maps.view import ROUND_MM, ROUND_SIGMA_MM, scale_limits_mm
 from rona_core.geometry.arrays import Floats
-from rona_core.mapping.accuracy.error_budget import error_budgets
 from rona_core.mapping.accuracy.map_accuracy import accuracy_words
 from rona_core.mapping.files.map_sheet import MapSheet, cell_sizes_mm
 from rona_core.session.document import Session
@@ -124,9 +124,9 @@ def accuracy_section(
     accuracy = None if found is None else map_accuracy(session)
     if found is None or accuracy is None:
         return Html("")
-    detection, speed = session.results.detection, speed_state(session)
+    detection, speed = session.results.detection, speed_words(session)
     lines = [accuracy_words(found.sheet.maps, accuracy)]
-    lines += ["Speed of sound: " + ("published mean." if speed is None else speed.sentence)]
+    lines += ["Speed of sound: " + (speed or "published mean.")]
     lines += [] if detection is None else [loss_words(detection.value)]
     advice = probe_advice(session)
     lines += [] if advice is None else [advice.sentence]

@@ -29,7 +29,7 @@ from rona_core.app.report.sections import (
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
-from rona_core.session.migrate import SCHEMA
+from rona_core.session.members import SCHEMA
 from rona_core.session.specimen import LoadedSkull
 
 VIRTUAL = "VIRTUAL"

@@ -4,9 +4,8 @@ from collections.abc import Iterable
 
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.dependencies.step_states import StepState
-from rona_core.app.overview.acceptance import QualityRow, judgement
+from rona_core.app.overview.acceptance import QualityRow, judgement, quality_table
 from rona_core.app.overview.frame_graph import frame_rows
-from rona_core.app.overview.quality_sections import quality_table
 from rona_core.app.report.page import Html, badge, joined, note, table, tag
 from rona_core.app.steps.maps.further_passes import usable_second
 from rona_core.app.steps.roll.certificate_view import CertificateView, certificate_view
@@ -14,7 +13,7 @@ from rona_core.app.steps.roll.plan_reasons import plan_reason, roll_summary
 from rona_core.app.steps.scan.contact_view import contact_report, delay_sentence
 from rona_core.app.steps.scan.head_view import head_report
 from rona_core.app.steps.scan.landmarks.gate import verification
-from rona_core.app.steps.scan.probe_mounting import mounting_view
+from rona_core.app.steps.scan.probe_mounting import mounting_words
 from rona_core.app.steps.tool.calibration_view import Step, calibration_view
 from rona_core.app.steps.tool.derivation import delay_words
 from rona_core.session.document import Session
@@ -78,11 +77,11 @@ def calibration_section(session: Session) -> Html:
     parts = [tag("h2", "Calibration and registration")]
     parts += [_calibration(session, step, title) for step, title in TITLES]
     lines: list[str] = []
-    tool, mounting, head = session.results.tool, mounting_view(session), head_report(session)
+    tool, mounting, head = session.results.tool, mounting_words(session), head_report(session)
     if tool is not None and tool.value.delay is not None:
         lines.append("{}: {}.".format(*delay_words(tool.value.delay)))
-    if mounting is not None:
-        lines.append(f"Probe mounting: {mounting.sentence}")
+    if mounting:
+        lines.append(f"Probe mounting: {mounting}")
     if head is not None:
         lines.append(head.sentence)
     lines.append(f"Verification on landmarks: {verification(session).sentence}")
@@ -186,6 +185,7 @@ def motion_section(session: Session) -> Html:
     contact = contact_report(session)
     if contact is not None and stale_reason("capture scan", session) is None:
         parts += [tag("h3", "Scan"), tag("p", contact.sentence)]
+        parts += [] if contact.mass is None else [note(f"{contact.mass}.", "warn")]
         parts += [] if contact.delay is None else [tag("p", delay_sentence(contact.delay))]
     return joined(parts)
 

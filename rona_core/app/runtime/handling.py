@@ -6,7 +6,7 @@ from dataclasses import replace
 from rona_core.app.declarations.declarations import ActivityContext, Message, Perform
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.inputs import CAPTURE
-from rona_core.app.dependencies.requirements import require_inputs
+from rona_core.app.dependencies.judge import require_inputs
 from rona_core.app.dependencies.staleness import input_digests, stale_reason
 from rona_core.app.messages.message import StoreCapture, StoreResult
 from rona_core.app.messages.serialization import serialize_arguments

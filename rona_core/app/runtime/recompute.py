@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 
+from rona_core import __version__
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.staleness import input_digests, stale_reason
 from rona_core.app.runtime.deriving import derive_again
@@ -20,6 +21,13 @@ class ReplayedResult:
     stored: str
     recomputed: str
     same: bool
+    version: str  # of the program that made the stored one
+    difference: str | None  # where it comes from, as far as the versions show; None: it is the same
+
+    @property
+    def by_version(self) -> bool:
+        """Whether it differs, and another version of the program made it."""
+        return not self.same and self.version != __version__
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +35,8 @@ class Replay:
     """All results that are not stale, computed again from the captures."""
 
     same: bool
+    version: str  # of the program that computed them again
+    by_version: tuple[str, ...]  # results that differ and that another version made
     results: tuple[ReplayedResult, ...]
 
 
@@ -79,11 +89,28 @@ def replay(
         old, new = session.results.get(name), fresh.results.get(name)
         if old is not None and new is not None:
             stored, again = digest(old.value), digest(new.value)
-            found.append(ReplayedResult(name, stored, again, stored == again))
+            same = stored == again
+            words = None if same else _difference(name, old.version)
+            found.append(ReplayedResult(name, stored, again, same, old.version, words))
     return tuple(found)
+
+
+def _difference(name: str, version: str) -> str:
+    """Return what is known of why a result comes out otherwise, and what to do."""
+    if version != __version__:
+        made = f"RONA {version}" if version else "an unknown version of RONA"
+        return (
+            f"{made} made the {name} result, and RONA {__version__} computes another one: "
+            "compute it again to have all results of one version"
+        )
+    return (
+        f"RONA {__version__} made the {name} result and now computes another one: another "
+        "processor may round its last bits otherwise; else report it"
+    )
 
 
 def replay_report(session: Session, *, progress: Progress, cancel: Cancel) -> Replay:
     """Return what ``replay`` finds, and whether all of it is the same."""
     rows = replay(session, progress, cancel)
-    return Replay(all(row.same for row in rows), rows)
+    others = tuple(row.result for row in rows if row.by_version)
+    return Replay(all(row.same for row in rows), __version__, others, rows)

@@ -8,10 +8,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rona_core.app.runtime.saving.autosave import Autosave, CopyState
-from rona_core.app.runtime.saving.recovery import LostSession, Recovery, restore
+from rona_core.app.runtime.saving.journal import read_journal, restore
+from rona_core.app.runtime.saving.recovery import LostSession, Recovery
 from rona_core.app.runtime.saving.session_files import FileState, SessionFiles, plain_name
 from rona_core.app.runtime.workbench import Services, Workbench
-from rona_core.devices.settings import hidden_characters, require
+from rona_core.devices.limits import require
+from rona_core.devices.settings import hidden_characters
 from rona_core.errors import FileChangedError, InvalidInputError, NotFoundError
 from rona_core.session.document import Session, Setup
 from rona_core.session.files import FileIdentity, load_identified, load_session
@@ -268,7 +270,7 @@ class SessionRegistry:
             SessionFormatError: its copy cannot be read; it stays where it is.
         """
         with self._recovery.held(key) as copy:
-            journal = copy.load()
+            journal = read_journal(copy.path)
             bench = self._add(journal.session, recovered=True)
             problem = restore(bench.store, journal)
             self._autosave.keep(bench.session)

@@ -18,7 +18,7 @@ from rona_core.app.declarations.declarations import (
     compute_here,
 )
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.dependencies.requirements import require_for
+from rona_core.app.dependencies.judge import require_for
 from rona_core.app.messages.exact_types import require_exact
 from rona_core.app.messages.message import Answer
 from rona_core.app.runtime.free_memory import release_memory
@@ -171,7 +171,7 @@ class Workbench:
         return self.jobs.start(activity, work, device=REGISTRY.activity(activity).uses_devices)
 
     def _require_room_for(self, activity: Message) -> None:
-        if REGISTRY.activity(activity).records:
+        if REGISTRY.activity(activity).makes:
             require_room_for_capture(self.session.archive)
 
     def _carry_out(self, activity: Message, progress: Progress, cancel: Cancel) -> Ended:
@@ -265,7 +265,7 @@ class Workbench:
         """Return the errors of the robot's maps against ground truth.
 
         Raises:
-            DeviceError: the devices are real, so nobody knows the truth.
+            DeviceError: the devices are real: there is no ground truth.
             StepBlockedError: nothing was mapped.
         """
         judge = self._services.map_errors

@@ -25,14 +25,14 @@ from rona_core.geometry.pose import Pose, Poses
 from rona_core.geometry.pose_covariance import cross_matrices, rotation_vectors
 
 WINDOW_S = 2.0  # over which poses are averaged: a breath takes about twice as long
-GAP_S = 5.0  # hidden for longer than this, nobody knows what the head did meanwhile
+GAP_S = 5.0  # hidden for longer than this, the head's motion meanwhile is unknown
 ROUNDING = 1e-6  # rad and mm, below which a tracker without noise is not believed
 FALSE_ALARM = 1e-3  # share of captures in which noise alone counts as motion
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeadReference:
-    """Where the head marker was in the mean of the capture that all others are led back to."""
+    """Where the head marker was in the mean of the capture to which all others are corrected."""
 
     T_tracker_headmarker: Pose
     covariance: Floats  # (6, 6) of a single frame: noise alone, from successive frames

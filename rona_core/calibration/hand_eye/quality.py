@@ -17,8 +17,6 @@ from rona_core.geometry.pose_covariance import cross_matrices, rotation_vectors
 STATIC_DEG = 0.5  # RMS turn about an axis; below it there is none
 GOOD_MM, WEAK_MM = 0.3, 1.0  # predicted errors of a good registration, and of one of use at all
 GOOD_TURN_DEG = 5.0  # RMS about the second axis; an even cone of 12 degrees has 6
-# wherever that error is shown: it is what robot and tracker are stated to be, nothing measured it
-REGISTRATION_TITLE = "Registration, assumed"
 REACH_MM = 100.0  # from the tips, where the registration is wanted
 MAX_REJECTED = 0.1  # share
 NOISY_MM = 1.0  # of a marker; trackers are ten times better

@@ -6,7 +6,7 @@ of robot and tracker. With what a registration can explain projected out, the re
     y ~ N(0, V),  V = L L' + F + s1 C1 + s2 C2 + s3 C3
 
 L: links of the stated accuracy; F: field of the tracker as its maker states it; C: markers, and
-random turns and shifts of the tool, whose sizes s nobody states and which are estimated (restricted
+random turns and shifts of the tool, whose sizes s are not stated and are estimated (restricted
 maximum likelihood, Patterson 1971). The score of the size of L is Q = |L' V^-1 y|^2; if the robot
 keeps its accuracy, Q is a sum of chi squares with weights w, the eigenvalues of L' V^-1 L, and has
 nearly a scaled chi square of the same mean and variance (Satterthwaite 1946).

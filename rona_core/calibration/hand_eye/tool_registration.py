@@ -20,6 +20,7 @@ from rona_core.calibration.hand_eye.hand_eye import (
 from rona_core.calibration.hand_eye.published_method import angle_deg, bootstrap, solve_paper
 from rona_core.calibration.hand_eye.quality import judge_registration, registration_sigma_mm
 from rona_core.calibration.hand_eye.residuals import observe
+from rona_core.calibration.hand_eye.robust_weights import FLOOR_MM
 from rona_core.calibration.pivot.pivot_calibration import as_keep
 from rona_core.calibration.pivot.sphere_fit import cap_half_angle_deg
 from rona_core.calibration.timing.time_offset import TimeOffset
@@ -54,7 +55,8 @@ class ToolRegistration:
         Floats  # (12, 12) of T_base_tracker, then T_toolmarker_tip: geometry/pose_covariance.py
     )
     registration_sigma_mm: float  # predicted 3D RMS error in base of places 100 mm about the tips
-    marker_sigma_mm: float  # 3D RMS error of one marker, estimated
+    # 3D RMS error of one marker, estimated; at its bound the robot explains all residuals
+    marker_sigma_mm: float = field(metadata={"least": FLOOR_MM})
     used: Bools  # (n,) False for poses excluded, or dropped as gross errors
     verdict: Literal["good", "weak", "bad"]
     reasons: tuple[str, ...]  # of a verdict that is not good, each with its remedy

@@ -5,6 +5,7 @@ from typing import Literal
 
 from numpy.typing import ArrayLike
 
+from rona_core.calibration.pivot.maximum_likelihood import MIN_SIGMA_MM
 from rona_core.calibration.pivot.pivot_calibration import (
     PivotFit,
     PivotMethod,
@@ -36,7 +37,8 @@ class PointerCalibration:
     n_used: int
     cone_deg: float  # half-angle covered
     tip_sigma_mm: float  # predicted 3D standard deviation of the tip
-    marker_sigma_mm: float | None  # 3D RMS of one marker, estimated; only "ml"
+    # 3D RMS of one marker, estimated; only "ml"
+    marker_sigma_mm: float | None = field(metadata={"least": MIN_SIGMA_MM})
     verdict: Verdict
     reasons: tuple[str, ...]  # why not good, and what to do about it
     # (3, 3) the part of the tip's covariance that more poses lessen; None: all of it

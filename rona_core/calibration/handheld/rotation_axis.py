@@ -27,7 +27,6 @@ class RotationAxisFit:
     """The axis of a body that was turned about it, in its ``marker`` frame."""
 
     axis_marker: Vector3  # (3,) unit length, of arbitrary sign
-    axis_tracker: Vector3  # (3,) where it pointed meanwhile
     point_marker: Vector3  # (3,) the point of the axis nearest to the origin of ``marker``
     residuals_deg: Floats  # (n,) angle between the axis in each pose and its mean
     used: Bools  # (n,)
@@ -72,7 +71,6 @@ def fit_rotation_axis(Ts_tracker_marker: Poses) -> RotationAxisFit:
         )
     return RotationAxisFit(
         axis_marker=readonly(axis),
-        axis_tracker=readonly(mean),
         point_marker=readonly(_point(Ts_tracker_marker.select(used), axis)),
         residuals_deg=readonly(np.rad2deg(residuals)),
         used=readonly(used),

@@ -1,4 +1,4 @@
-"""Convention of the poses of a pivot: which change of a file fits a resting tip better.
+"""Convention of poses: which change of a file fits a resting tip, or a tip on bone, better.
 
 A pivot checks the convention of its own poses: only poses of the marker in the tracker leave the
 tip in one place. Each change that people make by mistake is undone in turn, tip and pivot are
@@ -8,9 +8,12 @@ squares, with means over blocks because neighbouring poses share their errors).
 The inverse of a pivot is a pivot as well, with tip and pivot exchanged and the same residuals.
 Lengths decide there: no pointer is as long as the way to its tracker. A mirror image of rotations
 and translations together is a pivot too, of the mirrored pointer: no pose shows it.
+
+A stroke over bone with a calibrated pointer is checked in the same way: its tip is known and lies
+on a smooth surface, however the hand tilts the pointer. Only poses of the marker leave it there.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +22,7 @@ from scipy.spatial.transform import Rotation
 from rona_core.calibration.pivot.initial_guess import robust_initial_guess
 from rona_core.calibration.pivot.repeated_poses import repeated_poses
 from rona_core.errors import InvalidInputError
-from rona_core.geometry.arrays import Floats, Vector3
+from rona_core.geometry.arrays import Floats, Ints, Vector3
 from rona_core.geometry.pose import Poses
 
 LONGEST_MM = 400.0  # from the markers of a hand-held pointer to its tip
@@ -34,6 +37,11 @@ MOST_SCATTER_MM = 3.0  # of a fit that explains the poses, per axis
 LEAST_SCATTER_MM = 1e-3
 BOUND = 16.0  # squares of residuals count at most this much, in units of the scatter
 MEDIAN_CHI = 1.538  # of three freedoms
+MEDIAN_NORMAL = 0.6745  # of one
+DEGREE = 3  # of the polynomial that a stroke of some centimetres over bone lies on
+ROUNDS = 6  # of reweighting
+SMOOTHER = 2.0  # as BETTER, of strokes: bone that is no polynomial is not taken for a change
+FEWEST = 100  # poses of a stroke, ten for each coefficient of the polynomial
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +73,11 @@ def _reordered(by: int) -> Callable[[Poses], Poses]:
 def _mirrored(axis: int) -> Callable[[Poses], Poses]:
     signs = np.where(np.arange(3) == axis, -1.0, 1.0)
     return lambda poses: Poses(poses.rotations, poses.translations * signs)
+
+
+def _mirrored_rotations(axis: int) -> Callable[[Poses], Poses]:
+    signs = np.where(np.arange(3) == axis, -1.0, 1.0)
+    return lambda poses: Poses(signs[:, None] * poses.rotations * signs, poses.translations)
 
 
 def _as_they_are(poses: Poses) -> Poses:
@@ -132,12 +145,25 @@ DIRECTION_REMEDY = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Reading:
-    """Tip and pivot of the poses with one change undone, and what is left over."""
+    """What the poses with one change undone leave over."""
+
+    misses_mm: Floats  # (n,) of the tip from where it should be; NaN where a pose has no partner
+    scatter_mm: float  # per axis, from the median
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Resting(_Reading):
+    """Tip and pivot that were fitted."""
 
     tip_marker: Vector3
     pivot_tracker: Vector3
-    misses_mm: Floats  # (n,) distance of the tip from the pivot; NaN where a pose has no partner
-    scatter_mm: float  # per axis, from the median
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Sliding(_Reading):
+    """The tip of a calibrated pointer."""
+
+    tips_tracker: Floats  # (n, 3), NaN where a pose has no partner
 
 
 def require_convention(
@@ -157,9 +183,9 @@ def require_convention(
         InvalidInputError: a change fits better, or as well with another tip; it is named (``data``
             has its key in `CHANGES` as ``change``), with what to do.
     """
-    stated = _read(Ts_tracker_marker, dof, _as_they_are, 0)
+    stated = _resting(Ts_tracker_marker, dof, _as_they_are, 0)
     readings = {
-        name: _read(Ts_tracker_marker, dof, change.undo, change.late)
+        name: _resting(Ts_tracker_marker, dof, change.undo, change.late)
         for name, change in CHANGES.items()
         if dof == 5 or name != "inverted"  # of 6D it has the same residuals
     }
@@ -184,11 +210,56 @@ def require_convention(
             )
 
 
+def require_stroke_convention(Ts_tracker_marker: Poses, tip_marker: Vector3) -> None:
+    """Refuse the poses of a stroke over bone that are in another convention than those of a marker.
+
+    A change that moves the tip by less than 2 mm does no harm and is not looked for. Strokes that
+    show nothing are let through: the pointer was hardly tilted, or its tip ran along a line.
+
+    Args:
+        Ts_tracker_marker: Poses (n,) in their order.
+        tip_marker: Of the calibrated pointer (3,).
+
+    Raises:
+        InvalidInputError: the tip lies clearly better on a smooth surface after a change; it is
+            named (``data`` has its key in `CHANGES` as ``change``), with what to do; those that fit
+            nearly as well are named after it (``alike``).
+    """
+    if len(Ts_tracker_marker) < FEWEST:
+        return
+    stated = _sliding(Ts_tracker_marker, tip_marker, _as_they_are, 0)
+    better: dict[str, float] = {}
+    undone = [(name, change.undo, change.late) for name, change in CHANGES.items()]
+    # with a known tip it counts which of the two frames is mirrored
+    undone += [
+        (f"mirrored {name}", _mirrored_rotations(axis), 0) for axis, name in enumerate("xyz")
+    ]
+    for name, undo, late in undone:
+        other = _sliding(Ts_tracker_marker, tip_marker, undo, late)
+        scatter_mm = max(other.scatter_mm, LEAST_SCATTER_MM)
+        away_mm = np.linalg.norm(other.tips_tracker - stated.tips_tracker, axis=1)
+        if (
+            scatter_mm <= MOST_SCATTER_MM
+            and stated.scatter_mm > SMOOTHER * scatter_mm
+            and np.nanmedian(away_mm) > SAME_TIP_MM
+            and _gain(stated, other, scatter_mm) > SURE
+        ):
+            better[name] = min(scatter_mm, better.get(name, scatter_mm))
+    if better:
+        name, *others = sorted(better, key=lambda one: better[one])
+        least_mm = SMOOTHER * max(better[name], LEAST_SCATTER_MM)
+        alike = [one for one in others if better[one] <= least_mm]
+        remedy = CHANGES[name].remedy + "".join(
+            f". It may as well be that {CHANGES[one].words}: {CHANGES[one].remedy}" for one in alike
+        )
+        raise _refusal(CHANGES[name].words, remedy, name, alike)
+
+
 def _scatters_more(stated: _Reading, other: _Reading) -> bool:
     return stated.scatter_mm > BETTER * max(other.scatter_mm, LEAST_SCATTER_MM)
 
 
-def _require_direction(stated: _Reading, known: bool) -> None:
+def _require_direction(stated: _Resting, known: bool) -> None:
     """Refuse a pivot whose tip is as far from the marker as only a tracker is, or may be."""
     to_tip = float(np.linalg.norm(stated.tip_marker))
     to_origin = float(np.linalg.norm(stated.pivot_tracker))
@@ -207,18 +278,24 @@ def _require_direction(stated: _Reading, known: bool) -> None:
         raise _refusal(words, DIRECTION_REMEDY.format(LONGEST_MM), "direction")
 
 
-def _refusal(words: str, remedy: str, change: str) -> InvalidInputError:
-    return InvalidInputError(f"{words}. {remedy[0].upper()}{remedy[1:]}", change=change)
+def _refusal(words: str, remedy: str, change: str, alike: Sequence[str] = ()) -> InvalidInputError:
+    text = f"{words}. {remedy[0].upper()}{remedy[1:]}"
+    return InvalidInputError(text, change=change, alike=list(alike))
 
 
-def _read(poses: Poses, dof: int, undo: Callable[[Poses], Poses], late: int) -> _Reading:
-    """Fit tip and pivot after undoing a change; the poses keep their rows."""
+def _undone(poses: Poses, undo: Callable[[Poses], Poses], late: int) -> tuple[Ints, Poses]:
+    """Return the poses without a change, and their rows: those that say something new."""
     n = len(poses)
     rows = np.arange(max(-late, 0), n - max(late, 0))  # of the translations that have a partner
     rows = rows[~repeated_poses(poses)[rows]]
     if len(rows) > MOST_POSES:
         rows = rows[np.linspace(0, len(rows) - 1, MOST_POSES).astype(np.int64)]
-    right = undo(Poses(poses.rotations[rows + late], poses.translations[rows]))
+    return rows, undo(Poses(poses.rotations[rows + late], poses.translations[rows]))
+
+
+def _resting(poses: Poses, dof: int, undo: Callable[[Poses], Poses], late: int) -> _Resting:
+    """Fit tip and pivot after undoing a change."""
+    rows, right = _undone(poses, undo, late)
     origin = right.translations.mean(axis=0)
     p = right.translations - origin
     levers = right.rotations if dof == 6 else right.rotations[:, :, 2:]
@@ -228,10 +305,37 @@ def _read(poses: Poses, dof: int, undo: Callable[[Poses], Poses], late: int) -> 
     design = np.concatenate((levers, np.broadcast_to(-np.eye(3), (len(p), 3, 3))), axis=2)[near]
     x = np.linalg.lstsq(design.reshape(-1, design.shape[2]), -p[near].ravel())[0]
     lengths = np.linalg.norm(levers @ x[:-3] + p - x[-3:], axis=1)
-    misses = np.full(n, np.nan)
+    misses = np.full(len(poses), np.nan)
     misses[rows] = lengths
     tip = x[:3] if dof == 6 else np.array((0.0, 0.0, x[0]))
-    return _Reading(tip, x[-3:] + origin, misses, float(np.median(lengths)) / MEDIAN_CHI)
+    return _Resting(misses, float(np.median(lengths)) / MEDIAN_CHI, tip, x[-3:] + origin)
+
+
+def _sliding(
+    poses: Poses, tip_marker: Vector3, undo: Callable[[Poses], Poses], late: int
+) -> _Sliding:
+    """Fit a smooth surface to the tip after undoing a change.
+
+    It is the height over the plane of the tips, a polynomial of degree 3, by weights that bound
+    the influence of a tip off the bone (Huber 2009).
+    """
+    rows, right = _undone(poses, undo, late)
+    tips = right @ tip_marker
+    centred = tips - tips.mean(axis=0)
+    axes = np.linalg.svd(centred, full_matrices=False)[2]
+    u, v, height = (centred @ axes.T).T
+    scale = max(float(np.abs(u).max()), LEAST_SCATTER_MM)
+    powers = [(i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)]
+    design = np.column_stack([(u / scale) ** i * (v / scale) ** j for i, j in powers])
+    weights, scatter, off = np.ones(len(tips)), 0.0, height
+    for _ in range(ROUNDS):
+        fit = np.linalg.lstsq(design * weights[:, None], height * weights)[0]
+        off = np.abs(height - design @ fit)
+        scatter = float(np.median(off)) / MEDIAN_NORMAL
+        weights = np.sqrt(np.minimum(1.0, 1.5 * scatter / np.maximum(off, 1e-12)))
+    misses, places = np.full(len(poses), np.nan), np.full((len(poses), 3), np.nan)
+    misses[rows], places[rows] = off, tips
+    return _Sliding(misses, scatter, places)
 
 
 def _gain(stated: _Reading, other: _Reading, scale_mm: float) -> float:

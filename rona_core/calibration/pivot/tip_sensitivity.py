@@ -1,4 +1,4 @@
-"""What errors of the markers that repeat make of a pivoted tip, and what the pivot tells of them.
+"""Effect of repeating marker errors on a pivoted tip, and what the pivot shows of them.
 
 A field of errors that changes under the markers while they swing acts like a change of scale and
 shape: a part of it moves the tip and leaves no residual, the rest makes the tip seem to wander.

@@ -30,7 +30,7 @@ ROUNDS = 3  # of looking for breaks
 OUTLIER_MADS = 5.0  # a step between A-scans that is off by more deviations is a break
 LEAST_DEVIATION_MM = 0.001
 STRETCHES = 5  # of A-scans, in the order of time, that are left out in turn
-LEAST_LEFT = 0.01  # of what is known of the delay: without more it can not be told
+LEAST_LEFT = 0.01  # of what is known of the delay: with less it cannot be estimated
 TINY = 1e-300
 WORST_SIGMA_S = 0.01  # less certain than this, the delay is not worth applying
 BREATH_MM, BREATH_HZ = 0.012, 0.25  # of a head in its clamp: RMS along the axis, at rest
@@ -103,7 +103,7 @@ def estimate_pose_delay(segments: Sequence[EchoSegment]) -> PoseDelay:
     sigma_s = float(np.hypot(own_s, _breath_s(fit, sds, times)))
     if sigma_s > WORST_SIGMA_S or abs(fit.delay_s) > MAX_DELAY_S - STEP_S:
         raise DegenerateGeometryError(
-            f"the motion tells the delay of the poses only to {1e3 * sigma_s:.2g} ms: move faster, "
+            f"the motion gives the delay of the poses only to {1e3 * sigma_s:.2g} ms: move faster, "
             "and not evenly"
         )
     rms_mm = float(np.sqrt((off**2).mean()))
@@ -219,7 +219,7 @@ def _left_out(
 ) -> float:
     """Return how far the delay moves when stretches are left out: a mean square, 1 for noise alone.
 
-    Each move counts over the standard deviation that follows from what the stretch tells of the
+    Each move counts over the standard deviation from the information of the stretch on the
     delay if every A-scan errs by itself and by its sigma (after Künsch 1989). A robot that wanders
     by micrometres over many A-scans makes it more. Near the fit the stand-offs are taken as linear
     in the delay.

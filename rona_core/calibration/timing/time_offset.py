@@ -19,6 +19,7 @@ from scipy.optimize import minimize_scalar
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Floats, as_floats, as_points
 
+MAX_OFFSET_S = 0.3  # delays up to this are searched, either way
 SMOOTHING_S = 0.03  # width of the common low-pass; at least one sample of the slower stream
 LEAST_MOTION_MM = 2.0  # RMS about the mean, below which a stream is at rest
 LEAST_CORRELATION = 0.9  # of two streams that show the same motion
@@ -42,8 +43,6 @@ def estimate_time_offset(
     positions_a: ArrayLike,
     times_b_s: ArrayLike,
     positions_b: ArrayLike,
-    *,
-    max_offset_s: float = 0.3,
 ) -> TimeOffset:
     """Return the delay d for which ``positions_b`` at t belong to ``positions_a`` at t - d.
 
@@ -52,19 +51,16 @@ def estimate_time_offset(
         positions_a: Positions (n, 3) in mm, in any frame fixed to the room.
         times_b_s: Growing times (m,) of the other device, on its own clock.
         positions_b: Positions (m, 3) in mm of a point on the same body, in any other frame.
-        max_offset_s: Delays up to this are searched, either way.
 
     Raises:
         InvalidInputError: wrong shapes, times that do not grow, or less than a second in common.
         DegenerateGeometryError: no motion, another motion, one that repeats itself or is too even
             to tell the delay, or a delay beyond the range.
     """
-    if not 0.0 < max_offset_s <= 10.0:
-        raise InvalidInputError(f"max_offset_s must be 0 to 10, not {max_offset_s}")
     a, b = _stream(times_a_s, positions_a, "a"), _stream(times_b_s, positions_b, "b")
     step_s = max(np.median(np.diff(a[0])), np.median(np.diff(b[0])))
     width_s = max(SMOOTHING_S, float(step_s))
-    margin_s = max_offset_s + 3.0 * width_s
+    margin_s = MAX_OFFSET_S + 3.0 * width_s
     start_s = max(a[0][0] + margin_s, b[0][0] + 3.0 * width_s)
     end_s = min(a[0][-1] - margin_s, b[0][-1] - 3.0 * width_s)
     if end_s - start_s < LEAST_OVERLAP_S:
@@ -82,13 +78,13 @@ def estimate_time_offset(
         return float((_residual(curve_a(times - offset_s), wanted) ** 2).sum())
 
     total = float((wanted**2).sum())
-    minima = _local_minima(left_over, max_offset_s, float(step_s), total)
+    minima = _local_minima(left_over, float(step_s), total)
     cost, offset_s = minima[0]
     correlation = float(np.sqrt(max(0.0, 1.0 - cost / total)))
     sigma_s = _sigma(curve_a, times - offset_s, wanted, int(np.ceil(6.0 * width_s / step_s)))
-    if sigma_s > WORST_SIGMA * max_offset_s:
+    if sigma_s > WORST_SIGMA * MAX_OFFSET_S:
         raise DegenerateGeometryError(
-            f"the motion is too even: it tells the delay only to {1e3 * sigma_s:.3g} ms; "
+            f"the motion is too even: it gives the delay only to {1e3 * sigma_s:.3g} ms; "
             "start, stop and turn more often"
         )
     if len(minima) > 1 and minima[1][0] < 1.5 * cost + SAME_SHARE * total:
@@ -100,11 +96,11 @@ def estimate_time_offset(
 
 
 def _local_minima(
-    cost: Callable[[float], float], max_offset_s: float, step_s: float, total: float
+    cost: Callable[[float], float], step_s: float, total: float
 ) -> list[tuple[float, float]]:
     """Return costs and offsets of the local minima, the lowest first."""
-    count = int(np.ceil(max_offset_s / (0.5 * step_s)))
-    offsets = np.linspace(-max_offset_s, max_offset_s, 2 * count + 1)
+    count = int(np.ceil(MAX_OFFSET_S / (0.5 * step_s)))
+    offsets = np.linspace(-MAX_OFFSET_S, MAX_OFFSET_S, 2 * count + 1)
     costs = np.array([cost(float(offset)) for offset in offsets])
     places = _valleys(offsets, costs, total)
     return sorted(_deepest(cost, offsets[k - 1], offsets[k + 1]) for k in places)

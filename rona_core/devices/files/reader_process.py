@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from rona_core.errors import InvalidInputError, StorageError, storing
 
-Found = dict[str, NDArray[Any] | None]  # None: a name in the file whose contents nobody wants
+Found = dict[str, NDArray[Any] | None]  # None: a name in the file whose contents are not needed
 Reader = Callable[[Path, str], Mapping[str, NDArray[Any] | None]]
 
 MOST_BYTES = 1024**3  # of memory, beyond what the libraries themselves take

@@ -19,7 +19,7 @@ def read_triangles(source: bytes | Path, name: str) -> Mesh:
 
     Args:
         source: Contents of the file, or its path.
-        name: Of the file; its ending says what it is.
+        name: Of the file; its extension names the format.
 
     Raises:
         InvalidInputError: damaged, foreign or empty, or places that are not finite.

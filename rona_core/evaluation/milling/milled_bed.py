@@ -11,7 +11,7 @@ from rona_core.virtual.milling.left_bone import CELL_MM, LeftBone
 
 STEPS = 8  # of the search for the place where it goes in deepest, to each side,
 STEP_MM = 0.5 * CELL_MM  # of which two are one cell of the bone
-RIM_TURNS = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)  # places where somebody presses
+RIM_TURNS = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)  # places that are pressed
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,8 +2,8 @@
 
 A single frame is off by the noise of the tracker, the average of several by less. But a hand goes
 on meanwhile, over bone that is not even, and the middle of its way lies beside the tip. Frames less
-their average show both. White noise is told from the way by fourth differences, which an even way
-does not have (Gasser 1986); what else they show is what the average rounds off there.
+their average show both. Fourth differences separate white noise from an even path (Gasser 1986);
+what else they show is what the average rounds off there.
 """
 
 import numpy as np

@@ -7,6 +7,7 @@ from scipy.spatial import KDTree
 
 from rona_core.calibration.hand_eye.head_motion import HeadMotion
 from rona_core.calibration.timing.robot_latency import BREATH_MM
+from rona_core.devices.robots import ROBOTS
 from rona_core.devices.settings import TrackerProfile
 from rona_core.devices.tracker_volumes import ACCURACY_MM
 from rona_core.geometry.arrays import Bools, Floats, Ints
@@ -23,7 +24,6 @@ from rona_core.ultrasound.probe.probe_model import ProbeModel
 
 # As makers state it: mean distance of repeated arrivals from their middle, and three deviations of
 # it (ISO 9283); 3.62 deviations along one axis where they scatter alike in all directions.
-REPEATABILITY_MM = {"rx90": 0.02, "ur5": 0.1, "ur10": 0.1}
 REPEATABILITY_OVER_SIGMA = 3.62
 # Assumed, one standard deviation each: nobody states them.
 SEAT_MM = 0.4  # of a probe that was clamped by hand, along its axis
@@ -110,8 +110,8 @@ def robot_place(
 
 def repeatability_mm(robot: str) -> float:
     """Return the standard deviation along one axis with which a robot comes again."""
-    stated_mm = REPEATABILITY_MM.get(robot, max(REPEATABILITY_MM.values()))
-    return stated_mm / REPEATABILITY_OVER_SIGMA
+    stated = {name: one.repeatability_mm for name, one in ROBOTS.items()}
+    return stated.get(robot, max(stated.values())) / REPEATABILITY_OVER_SIGMA
 
 
 def _head(motion: HeadMotion | None) -> ErrorTerm:

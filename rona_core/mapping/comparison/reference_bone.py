@@ -1,4 +1,4 @@
-"""Reference bone: surfaces of the bone that somebody else measured, and how they come to ``base``.
+"""Reference bone: surfaces of the bone measured by other means, and their registration to ``base``.
 
 A registration by surface takes away what the whole map is off by as a rigid body: what is left is
 shape alone, and a common shift of the map can no longer be seen.
@@ -26,6 +26,7 @@ from rona_core.mapping.boundary_map import Maps
 
 Registration = Literal["none", "points", "surface", "both"]
 
+LEAST_MM, MOST_MM = 10.0, 600.0  # extent of a bone
 EDGE_MM = 1.5  # of triangles whose centres stand for the surface in a registration
 AROUND_MM = 15.0  # of the map within which they are taken
 OUTWARD = 0.3  # cosine of normals that count as those of the outer table
@@ -148,7 +149,7 @@ def _centres(mesh: Mesh, about: Floats) -> tuple[Floats, Floats]:
     return centres[kept], crossed[kept] / size[kept, None]
 
 
-def check_extent(mesh: Mesh, name: str, most_mm: float = 600.0, least_mm: float = 10.0) -> None:
+def check_extent(mesh: Mesh, name: str) -> None:
     """Refuse a mesh that is not of the size of a bone, or holds none.
 
     Raises:
@@ -158,8 +159,8 @@ def check_extent(mesh: Mesh, name: str, most_mm: float = 600.0, least_mm: float 
     if not len(mesh.faces):
         raise InvalidInputError(f"{name} holds no triangles: expected the surface of a bone")
     extent = np.ptp(mesh.vertices, axis=0).max()
-    if not least_mm <= extent <= most_mm:
+    if not LEAST_MM <= extent <= MOST_MM:
         raise InvalidInputError(
-            f"{name} measures {extent:.3g}: expected {least_mm:g} to {most_mm:g} mm of bone; check "
+            f"{name} measures {extent:.3g}: expected {LEAST_MM:g} to {MOST_MM:g} mm of bone; check "
             "the unit"
         )

@@ -50,20 +50,18 @@ def maps_nrrd(sheet: MapSheet) -> bytes:
     return nrrd_bytes(values, header)
 
 
-def bone_seg_nrrd(sheet: MapSheet, step_mm: float = STEP_MM) -> bytes:
+def bone_seg_nrrd(sheet: MapSheet) -> bytes:
     """Return the bone between both boundaries as a segmentation (``.seg.nrrd``) of 3D Slicer.
 
-    Args:
-        sheet: With its maps.
-        step_mm: Height of a voxel; it is as wide as a cell.
+    A voxel is as wide as a cell.
 
     Raises:
         InvalidInputError: no cell has both boundaries, or there would be too many voxels.
     """
-    labels, first_mm = bone_labels(sheet, step_mm)
+    labels, first_mm = bone_labels(sheet, STEP_MM)
     outer = sheet.maps.outer
     header = {
-        **_place(outer, (outer.u_mm[0], outer.v_mm[0], first_mm), step_mm),
+        **_place(outer, (outer.u_mm[0], outer.v_mm[0], first_mm), STEP_MM),
         "kinds": ["domain", "domain", "domain"],
         **SEGMENT,
         "Segment0_Extent": " ".join(f"0 {n - 1}" for n in labels.shape),

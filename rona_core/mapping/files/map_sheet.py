@@ -20,7 +20,7 @@ BOUNDARIES: tuple[BoundaryName, ...] = ("outer", "inner", "fused")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SigmaOverGrid:
-    """Standard deviation over the grid (nu, nv), in mm; not finite where nobody knows."""
+    """Standard deviation over the grid (nu, nv), in mm; not finite where it is unknown."""
 
     own_mm: Floats  # of what each cell has for itself
     common_mm: Floats  # of one error that all cells share

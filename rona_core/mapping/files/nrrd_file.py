@@ -8,7 +8,7 @@ import nrrd
 import numpy as np
 
 SPACE = "left-posterior-superior"  # what x, y, z of base count as in all files
-WRITTEN_ON = re.compile(rb"^# on .*\n", re.MULTILINE)  # pynrrd tells the time
+WRITTEN_ON = re.compile(rb"^# on .*\n", re.MULTILINE)  # pynrrd writes the time
 
 
 def nrrd_bytes(values: np.ndarray, header: dict[str, Any]) -> bytes:

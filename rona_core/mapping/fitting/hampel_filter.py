@@ -7,7 +7,7 @@ from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.robust import MAD_TO_SIGMA
 
 NEIGHBOURS = 14
-LEAST = 6  # fewer neighbours than this judge nobody
+LEAST = 6  # with fewer neighbours no point is judged
 THRESHOLD = 3.5  # in robust standard deviations of the neighbourhood
 FLOOR_MM = 0.08  # a scatter smaller than this is not believed
 REACH_MM = 12.0  # neighbours further off do not count

@@ -188,7 +188,7 @@ _ALIVE: "WeakValueDictionary[bytes, PlateField]" = WeakValueDictionary()
 
 
 def plate_through(points_map: Floats) -> PlateField:
-    """Return the plate through points (n, 3): of equal points the same, while somebody holds it."""
+    """Return the plate through points (n, 3): equal points give the same object."""
     key = sha256(points_map.tobytes()).digest()
     plate = _ALIVE.get(key)
     if plate is None:
@@ -198,7 +198,7 @@ def plate_through(points_map: Floats) -> PlateField:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceSamples:
-    """Points of a surface that as a whole may be moved: each tells its distance from the plate."""
+    """Points of a surface that may be moved as a whole: each measures its distance."""
 
     points_map: Floats  # (n, 3)
     upright: Floats  # (n,) cosine of the normal of the plate and the axis of heights

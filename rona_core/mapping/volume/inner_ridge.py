@@ -42,7 +42,7 @@ def inner_ridge(volume: EchoVolume) -> InnerRidge:
     gain = 10.0 ** (GAIN_DB_PER_MM / 20.0 * np.clip(depths, 0.0, volume.deepest_mm))
     level = volume.amplitude * gain
     below, middle, above = level[:, :, :-2], level[:, :, 1:-1], level[:, :, 2:]
-    heard = volume.noise() * 10.0 ** (ABOVE_NOISE_DB / 20.0)
+    threshold = volume.noise() * 10.0 ** (ABOVE_NOISE_DB / 20.0)
     known = volume.known
     peak = known[:, :, :-2] & known[:, :, 1:-1] & known[:, :, 2:]
     peak &= (middle > below) & (middle >= above)
@@ -52,7 +52,7 @@ def inner_ridge(volume: EchoVolume) -> InnerRidge:
         np.take_along_axis(level, at[:, :, None] + k, axis=2)[:, :, 0] for k in range(3)
     )
     amplitude = np.take_along_axis(volume.amplitude, at[:, :, None] + 1, axis=2)[:, :, 0]
-    found: Bools = peak.any(axis=2) & (amplitude > heard) & volume.outer.ok
+    found: Bools = peak.any(axis=2) & (amplitude > threshold) & volume.outer.ok
     logs = [np.log(np.maximum(part, SILENCE)) for part in (low, top, high)]
     bend = logs[0] - 2.0 * logs[1] + logs[2]
     offset = np.divide(0.5 * (logs[0] - logs[2]), bend, out=np.zeros(bend.shape), where=bend < 0.0)

@@ -63,12 +63,12 @@ def simplify(
         method: "optimal": the fewest points; where that would take too long, "fast" is used and
             the result says so. "fast": few points, not surely the fewest. "greedy", the paper's:
             the point of least deviation goes first, until none can. "rdp": Ramer, Douglas and
-            Peucker.
+            Peucker. On a long path "k2" and "k3" without a cap leave "greedy" in place of both
+            searches; ``method`` and ``rule`` of the result say so.
         keep: Mask (n,) or indices of points that must stay; the two ends always do.
 
     Raises:
-        InvalidInputError: wrong shape, unknown method, negative tolerance, or "optimal" or "fast"
-            for "k2" or "k3" on a path too long for it.
+        InvalidInputError: wrong shape, unknown method, or negative tolerance.
     """
     p = as_path(points)
     bound = tolerance if isinstance(tolerance, ErrorBound) else ErrorBound(tolerance)
@@ -91,7 +91,7 @@ def simplify(
         closed=False,
         lower_bound=len(index) if exact else int(fixed.sum()),
         exact=exact,
-        rule=RULES[used],
+        rule=_rule(method, used, test),
     )
 
 
@@ -101,7 +101,7 @@ def chosen_points(
     """Return the indices (k,) that stay, and the method that was used.
 
     Raises:
-        InvalidInputError: unknown method, or one that would take too long.
+        InvalidInputError: unknown method.
     """
     if method not in METHODS:
         raise InvalidInputError(f"method must be one of {', '.join(METHODS)}, not {method!r}")
@@ -121,15 +121,23 @@ def chosen_points(
 def _feasible(
     columns: Floats, fixed: Bools, test: ShortcutTest, method: SimplifyMethod
 ) -> SimplifyMethod:
-    """Return the method that is used: "fast" where "optimal" would take too long."""
+    """Return the method that is used where the one that was chosen would take too long.
+
+    "fast" in place of "optimal"; "greedy" where no bound on the distance limits either search.
+    """
     searches = method == "optimal" or (method == "fast" and test.near_mm == np.inf)
     if not searches or columns.shape[1] < 3:
         return method
-    work = work_estimate(columns, fixed, test)
-    if work > MAX_WORK and test.near_mm == np.inf:
-        raise InvalidInputError(
-            f"method {method} with {test.metric} must look at every piece of "
-            f"{columns.shape[1]} points, about {work:.2g} distances ({MAX_WORK:.2g} at most): "
-            "give cap_mm, a bound on the distance, or use greedy"
+    if work_estimate(columns, fixed, test) <= MAX_WORK:
+        return method
+    return "greedy" if test.near_mm == np.inf else "fast"
+
+
+def _rule(chosen: SimplifyMethod, used: SimplifyMethod, test: ShortcutTest) -> str:
+    """Return what decides which points stay, and why another method than the chosen one does."""
+    if used == "greedy" != chosen:
+        return (
+            f"{RULES[used]}; greedy in place of {chosen}, since {test.metric} bounds no distance "
+            "and a search would compare every piece of so long a path"
         )
-    return "fast" if work > MAX_WORK else method
+    return RULES[used]

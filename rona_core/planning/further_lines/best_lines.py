@@ -1,8 +1,8 @@
-"""Chain of scan lines that tells most of the least bone below a bed, chosen line by line.
+"""Chain of scan lines that is most informative of the least bone below a bed, chosen greedily.
 
-With Gaussian errors, the variance of the least bone that a scan leaves does not depend on what is
-heard, and less of it is worth more whatever the risk is (Blackwell 1953). Draws of the maps say how
-the thickness at each place hangs together with that least bone. See
+With Gaussian errors, the variance of the least bone that a scan leaves does not depend on its
+echoes, and less of it is worth more whatever the risk is (Blackwell 1953). Draws of the maps give
+the covariance of the thickness at each place with that least bone. See
 docs/algorithms/implant/further_lines.md.
 """
 
@@ -40,8 +40,8 @@ class Lines:
 def best_lines(hearing: Hearing, length_mm: float) -> Lines:
     """Return the lines that leave least of the variance for their length, greedily.
 
-    They are chosen by one half of the draws, and what they leave is told by the other, so that no
-    luck of the draws counts.
+    They are chosen by one half of the draws, and the variance left is estimated on the other, so
+    that the choice does not bias it.
 
     Args:
         hearing: Draws of at least two dozen worlds.
@@ -68,7 +68,7 @@ def best_lines(hearing: Hearing, length_mm: float) -> Lines:
 def left_share(hearing: Hearing, rows_mm: Floats) -> float:
     """Return the share of the variance of the least bone that lines (k, 2, 2) leave, 0 to 1.
 
-    What the least bone has to do with what is heard is taken from one half of the draws, and tried
+    The regression of the least bone on the echoes is fitted on one half of the draws, and tested
     on the other.
     """
     tree = KDTree(hearing.places_mm)
@@ -76,23 +76,23 @@ def left_share(hearing: Hearing, rows_mm: Floats) -> float:
     if not len(places):
         return 1.0
     weights = _Known(hearing, slice(0, None, 2)).weights(places)
-    heard = hearing.thickness_mm[places][:, 1::2]
+    echoes = hearing.thickness_mm[places][:, 1::2]
     least = hearing.least_mm[1::2]
-    off = least - least.mean() - weights @ (heard - heard.mean(axis=1, keepdims=True))
+    off = least - least.mean() - weights @ (echoes - echoes.mean(axis=1, keepdims=True))
     noise = hearing.sigma_mm**2 * float(weights @ weights)
     return float(np.clip((off.var() + noise) / max(least.var(), 1e-12), 0.0, 1.0))
 
 
 class _Known:
-    """Covariances of what may be heard and of the least bone, given what was heard so far."""
+    """Covariances of the echoes to come and of the least bone, given the echoes so far."""
 
     def __init__(self, hearing: Hearing, draws: slice) -> None:
-        heard, least = hearing.thickness_mm[:, draws], hearing.least_mm[draws]
-        heard = heard - heard.mean(axis=1, keepdims=True)
-        count = heard.shape[1] - 1
-        self._places: Floats = heard @ heard.T / count
+        echoes, least = hearing.thickness_mm[:, draws], hearing.least_mm[draws]
+        echoes = echoes - echoes.mean(axis=1, keepdims=True)
+        count = echoes.shape[1] - 1
+        self._places: Floats = echoes @ echoes.T / count
         self._error = hearing.sigma_mm**2
-        self._least: Floats = heard @ (least - least.mean()) / count
+        self._least: Floats = echoes @ (least - least.mean()) / count
 
     def weights(self, places: Ints) -> Floats:
         """Return what each of some places (p,) says of the least bone."""
@@ -104,7 +104,7 @@ class _Known:
         return float(self.weights(places) @ self._least[places])
 
     def hear(self, places: Ints) -> None:
-        """Go on with what is left once some places (p,) were heard."""
+        """Condition the covariances on the echoes at some places (p,)."""
         tied = self._places[:, places]
         share = np.linalg.solve(self._read(places), tied.T)
         self._least = self._least - self._least[places] @ share

@@ -1,5 +1,7 @@
 """Catalogue of implants; every dimension says whether it is sourced or assumed.
 
+Messages, page and REST read ``CATALOGUE``.
+
 Only what lies in the bone is modelled: coil and receiver of a bone-conduction implant lie on it.
 """
 

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import shapely
 
-from rona_core.devices.settings import require, require_within
+from rona_core.devices.limits import require, require_within
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.planning.bed import Screw
 from rona_core.planning.implants.solids import Solid, solid_mesh
@@ -22,11 +22,6 @@ class Dimension:
     name: str
     value_mm: float
     source: str = ""  # empty: assumed
-
-    @property
-    def marking(self) -> str:
-        """Return ``sourced`` or ``assumed``."""
-        return "sourced" if self.source else "assumed"
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ import trimesh
 from shapely.geometry import LineString, Point, Polygon, box
 
 from rona_core.devices.files.triangle_file import read_triangles
-from rona_core.devices.settings import require, require_within
+from rona_core.devices.limits import require, require_within
 from rona_core.geometry.arrays import Floats, Ints, readonly
 from rona_core.geometry.mesh import Mesh
 

@@ -1,10 +1,10 @@
-"""Burrs: ball, cylinder and bull-nose, told apart by the radius of the corner of their end."""
+"""Burrs: ball, cylinder and bull-nose, by the corner radius of their end."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.devices.settings import require_within
+from rona_core.devices.limits import require_within
 from rona_core.geometry.arrays import Floats
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.devices.settings import require
+from rona_core.devices.limits import require
 from rona_core.planning.bed import Bed
 from rona_core.planning.implants.implant import Implant
 

@@ -1,4 +1,4 @@
-"""Timed motion of the burr, as whoever removes the bone along it wants it."""
+"""Timed motion of the burr, as the removal of bone along it needs it."""
 
 from dataclasses import dataclass
 

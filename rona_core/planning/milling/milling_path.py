@@ -1,12 +1,11 @@
-"""A milling path: places of the tool's tip with its axis, told apart by what each move is for."""
+"""A milling path: places of the tool's tip with its axis, each with the purpose of the move."""
 
 from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
 
-from rona_core.devices.settings import require
-from rona_core.errors import InvalidInputError
+from rona_core.devices.limits import require
 from rona_core.geometry.arrays import Floats, Ints, as_points, as_unit_vectors, readonly
 from rona_core.planning.milling.burr import Burr
 
@@ -56,17 +55,6 @@ class MillingPath:
         """
         radii = np.array([burr.radius_mm for burr in self.burrs])[self.tools][:, None]
         return self.tips_bed - radii * (self.axes_bed + (0.0, 0.0, 1.0))
-
-    def up_to_layer(self, layer: int) -> "MillingPath":
-        """Return the part of the path that ends with a layer.
-
-        Raises:
-            InvalidInputError: the path has no such layer.
-        """
-        last = int(self.layers[-1])
-        if not 0 <= layer <= last:
-            raise InvalidInputError(f"the path has layers 0 to {last}, not {layer}")
-        return self.part(0, int(np.searchsorted(self.layers, layer, side="right")))
 
     def part(self, first: int, end: int) -> "MillingPath":
         """Return the places from the first one up to, without, the end; at least one."""

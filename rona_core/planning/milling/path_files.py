@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rona_core.devices.settings import require
+from rona_core.devices.limits import require
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose
 from rona_core.mapping.files.map_mesh import MapMesh, closable_triangles, rim_edges

@@ -5,7 +5,7 @@ import shapely
 from scipy.spatial import KDTree
 from shapely.geometry.base import BaseGeometry
 
-from rona_core.devices.settings import require_within
+from rona_core.devices.limits import require_within
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.planning.bed import Bed
 from rona_core.planning.implants.implant import Implant

@@ -13,7 +13,9 @@ from rona_core.planning.milling.tool_regions import Level, inner_radius_mm, offs
 
 CHORD_MM = 0.002  # most that a ring is off by the corners of its polygon
 SHORTEST_MM = 0.2  # a piece of a ring that is shorter is left out
-MARGIN = 1.02  # of half a pitch: rings that touch are not told from those that miss by rounding
+MARGIN = (
+    1.02  # of half a pitch: rings that touch are not distinguished from those that miss by rounding
+)
 
 
 def strokes(level: Level, burr: Burr, pitch_mm: float) -> list[Floats]:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.devices.settings import require, require_within
+from rona_core.devices.limits import require, require_within
 from rona_core.planning.milling.burr import Burr, ball
 
 BALL_5, BALL_2 = ball(5.0), ball(2.0)

@@ -12,7 +12,7 @@ from typing import Any
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from rona_core.devices.settings import require, require_within
+from rona_core.devices.limits import require, require_within
 from rona_core.planning.implants.implant import Implant
 from rona_core.planning.implants.terraces import Terrace
 from rona_core.planning.milling.burr import Burr

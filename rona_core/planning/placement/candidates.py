@@ -25,7 +25,7 @@ from rona_core.planning.placement.solid_points import SolidPoints, least_reach_m
 LEAN = 0.8  # of its least reach a bed covers in the plane of the map, however it leans
 ANCHOR_CELLS = 2  # every other place along u and v is judged with draws
 FEW = 400  # places that are all judged with draws
-SLACK = 0.15  # by which the score of a place may be better than its nearest anchor tells
+SLACK = 0.15  # by which the score of a place may be better than that of its nearest anchor
 MOST_JUDGED = 400  # placements that compete with all draws
 FINALISTS = 5  # of them are judged in full
 TIE = 1e-9  # of a score: where no probability differs from 0, the least hopeless one is best

@@ -1,4 +1,4 @@
-"""One placement judged with all draws: some milliseconds, while somebody drags the implant."""
+"""One placement judged with all draws: some milliseconds, while the implant is dragged."""
 
 from dataclasses import dataclass
 

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
-from rona_core.devices.settings import require
+from rona_core.devices.limits import require
 from rona_core.geometry.arrays import Bools, Floats, readonly
 from rona_core.geometry.cell_grid import CellGrid
 from rona_core.mapping.boundary_map import BoundaryMap, Maps

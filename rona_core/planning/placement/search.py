@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr
 
-from rona_core.devices.settings import require
+from rona_core.devices.limits import require
 from rona_core.geometry.arrays import Floats, Ints, readonly
 from rona_core.planning.bed import Bed, Screw
 from rona_core.planning.placement.candidates import Candidates

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import binary_erosion, grey_dilation, map_coordinates
 
-from rona_core.devices.settings import require
+from rona_core.devices.limits import require
 from rona_core.geometry.arrays import Bools, Floats, readonly
 from rona_core.planning.bed import Bed, Screw
 from rona_core.planning.placement.problem import PlacementProblem

@@ -19,9 +19,9 @@ from rona_core.planning.rehearsal.site import ForceReading
 FEED_POWER = 0.5  # of the force, as it is thought to grow with the feed
 CELL_MM = 0.5
 NEAR = 3  # cells to a side that stand for a place
-LEAST_MM2 = 0.05  # a smaller section of chip tells nothing
+LEAST_MM2 = 0.05  # a smaller section of chip is no evidence
 STEPS = 3  # of the way, that are felt together: more are late, fewer scatter
-LEAST_WORK = 0.5  # section times root of the feed, summed over them, or it tells nothing
+LEAST_WORK = 0.5  # section times root of the feed, summed over them, or it is no evidence
 CHIP_MM = 0.6  # deeper than this in soft tissue, the chip is soft all through
 LEAST_SHARE = 0.1  # of the force that stays then
 SCATTER = 0.35  # of the logarithm of a ratio in bone: layers, texture, noise

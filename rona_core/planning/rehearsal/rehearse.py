@@ -98,7 +98,7 @@ def rehearse(
     """Mill a bed at a site, deciding by force and by A-scans alone.
 
     Raises:
-        CancelledError: somebody cancelled.
+        CancelledError: ``cancel`` returned True.
     """
     return _Rehearsal(task, site, guards or Guards(), progress, cancel).run(measure)
 

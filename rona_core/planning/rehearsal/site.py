@@ -60,7 +60,7 @@ class ProbeWay:
 
 @dataclass(frozen=True, slots=True)
 class ForceReading:
-    """Cutting force along one step of the way, as the force sensor tells it."""
+    """Cutting force along one step of the way, as the force sensor measures it."""
 
     mean_n: float
     sigma_n: float  # of the single readings along the step

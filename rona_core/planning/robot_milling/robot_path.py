@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from rona_core.devices.settings import require
+from rona_core.devices.limits import require
 from rona_core.geometry.arrays import Floats, Ints, readonly
 from rona_core.geometry.pose import Pose
 from rona_core.planning.milling.milling_path import MillingPath, Move
@@ -31,7 +31,7 @@ def robot_path(
     """Return what a robot is to drive: each layer begins and ends at rest above the middle.
 
     Upright in the air, as high as the path itself goes up between cuts. So the end of every layer
-    is the same posture, and whoever stops there goes home as after the last one.
+    is the same posture, and a motion that stops there returns as after the last one.
 
     Args:
         path: Of n places.

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rona_core.devices.limits import limited, require_limits
+from rona_core.devices.limits import number, require_limits
 from rona_core.devices.settings import RobotSettings
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.path5d import Path5D
@@ -14,6 +14,7 @@ from rona_core.robot.redundancy.margins import MarginLimits
 
 FARTHEST_MM = 2000.0  # settings of the robot allow no more
 MAX_PLACES = 2000  # that a session looks at
+ALL_AROUND_DEG = tuple(10.0 * k for k in range(36))
 FEW = f"at most {MAX_PLACES} places: across, along and by height, `step_mm` apart"
 
 
@@ -21,20 +22,58 @@ FEW = f"at most {MAX_PLACES} places: across, along and by height, `step_mm` apar
 class BaseSearch:
     """Where to look for a place of the base, and how closely."""
 
-    # to either side of where the base stands
-    half_x_mm: float = limited(500.0, minimum=0.0, maximum=FARTHEST_MM, rule=FEW)
-    half_y_mm: float = limited(600.0, minimum=0.0, maximum=FARTHEST_MM, rule=FEW)
-    step_mm: float = limited(100.0, minimum=10.0, maximum=500.0, rule=FEW)
-    # heights to try, from where the base stands
-    levels_mm: tuple[float, ...] = limited(
-        (0.0,), minimum=-1000.0, maximum=1000.0, minItems=1, maxItems=20, rule=FEW
+    half_x_mm: float = number(
+        500.0,
+        "Range x, ±",
+        "mm",
+        0.0,
+        FARTHEST_MM,
+        50.0,
+        hint="From the base along its x",
+        rule=FEW,
     )
-    # least level distance of the base from the middle of the path
-    keep_off_mm: float = limited(350.0, minimum=0.0, maximum=FARTHEST_MM)
-    n_points: int = limited(60, minimum=2, maximum=2000)  # of the path, looked at when screening
-    n_rolls: int = limited(36, minimum=1, maximum=360)
-    # room that another place must have: calibrated anew, the path is another
-    reserve: float = limited(0.05, minimum=0.0, maximum=2.0)
+    half_y_mm: float = number(
+        600.0,
+        "Range y, ±",
+        "mm",
+        0.0,
+        FARTHEST_MM,
+        50.0,
+        hint="From the base along its y",
+        rule=FEW,
+    )
+    step_mm: float = number(
+        100.0, "Step", "mm", 10.0, 500.0, 25.0, hint="Between places of the base", rule=FEW
+    )
+    levels_mm: tuple[float, ...] = number(
+        (0.0,),
+        "Heights",
+        "mm",
+        -1000.0,
+        1000.0,
+        50.0,
+        hint="From where the base stands",
+        minItems=1,
+        maxItems=20,
+        rule=FEW,
+    )
+    keep_off_mm: float = number(
+        350.0, "Least distance", "mm", 0.0, FARTHEST_MM, 10.0, hint="Level, from the path"
+    )
+    n_points: int = number(60, "Path points", "", 2, 2000, 1, hint="Looked at when screening")
+    rolls_deg: tuple[float, ...] = number(
+        ALL_AROUND_DEG,
+        "Roll angles",
+        "deg",
+        -360.0,
+        720.0,
+        5.0,
+        hint="Looked at when screening",
+        minItems=1,
+        maxItems=360,
+    )
+    # that another place must have: calibrated anew, the path is another
+    reserve: float = number(0.05, "Margin", "", 0.0, 2.0, 0.05, hint="That another place must have")
     margin_limits: MarginLimits = field(default_factory=MarginLimits)
 
     def __post_init__(self) -> None:

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rona_core.devices.limits import require
 from rona_core.devices.protocols import Cancel, Progress, never, silent
-from rona_core.devices.settings import RobotSettings, require
+from rona_core.devices.settings import RobotSettings
 from rona_core.geometry.arrays import Bools, Floats, readonly
 from rona_core.geometry.path5d import Path5D, resample_path
 from rona_core.robot.base_placement.candidates import (
@@ -53,13 +54,13 @@ def place_base(
         planner: Plans a path in full from a new place, given the path and the pose of the old
             base as seen from there, with which to move whatever else stands around; the default
             is ``plan_scan``.
-        progress: Told the share that is done.
+        progress: Receives the share that is done, 0 to 1.
         cancel: Asked between places.
 
     Raises:
         InvalidInputError: a path without length.
         DegenerateGeometryError: neighbouring axes of the path are opposite.
-        CancelledError: somebody cancelled.
+        CancelledError: ``cancel`` returned True.
     """
     search = search or BaseSearch()
     require(path.arc_length_mm()[-1] > 0.0, "a scan path needs two different points")

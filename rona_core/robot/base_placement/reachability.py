@@ -12,7 +12,6 @@ from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Pose
 from rona_core.robot.base_placement.candidates import BasePlace, BaseSearch, base_pose, path_from
 from rona_core.robot.kinematics.arm import N_BRANCHES
-from rona_core.robot.kinematics.joint_limits import TURN_RAD
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.planning.plan import RobotPlan
 from rona_core.robot.redundancy.margins import (
@@ -26,8 +25,8 @@ from rona_core.robot.redundancy.roll_grid import every_flange_pose
 Planner = Callable[[Path5D, Pose], RobotPlan]  # the path there, the old base there
 Spot = tuple[float, float, float, float]  # base_shift_mm and base_turn_deg
 
-NOTHING_WORKS = -100.0  # margins below this are not told apart
-STEP_SHARE = 0.15  # of the progress that is left, told for each place that is planned
+NOTHING_WORKS = -100.0  # margins below this are not distinguished
+STEP_SHARE = 0.15  # of the remaining progress, reported for each place that is planned
 
 
 class CoarseScreening:
@@ -44,11 +43,11 @@ class CoarseScreening:
         seen from any other place.
         """
         chosen = np.unique(np.round(np.linspace(0, len(path) - 1, search.n_points)).astype(int))
-        rolls_rad = TURN_RAD * np.arange(search.n_rolls) / search.n_rolls
+        rolls_rad = np.deg2rad(search.rolls_deg)
         parts = flange_parts(path, model)[:, chosen]
         self._Ts_base_flange = every_flange_pose(parts, rolls_rad)  # point by point for each roll
         self._model, self._margin_limits = model, search.margin_limits
-        self._shape = (search.n_rolls, len(chosen))
+        self._shape = (len(rolls_rad), len(chosen))
 
     def margin(self, old_in_new: Pose) -> float:
         """Return the least margin along the path with the best roll and branch.
@@ -92,7 +91,7 @@ class ReachabilityMap:
         self.refusals: list[str] = []
 
     def tick(self, share: float) -> None:
-        """Tell how far the search has come, and end it where somebody asked to."""
+        """Report the progress of the search, and end it where it was cancelled."""
         if self._cancel():
             raise CancelledError("the search for a place of the base was cancelled")
         self._done = max(self._done, min(1.0, share))

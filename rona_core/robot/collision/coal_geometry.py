@@ -150,7 +150,7 @@ def _shape(shape: Any) -> Any:
 
 @lru_cache(maxsize=4)
 def _frames_on_joints(model: RobotModel) -> list[Any]:
-    """Return the pose of each link frame on its joint, found at q = 0; nobody may change them.
+    """Return the pose of each link frame on its joint, found at q = 0; read-only.
 
     Raises:
         InvalidInputError: elsewhere the link frames are not where the joints bring them.

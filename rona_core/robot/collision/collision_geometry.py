@@ -45,7 +45,7 @@ def collision_bodies(model: RobotModel) -> tuple[ConvexBody, ...]:
     """Return bodies that contain the robot and its tool, base first.
 
     Raises:
-        InvalidInputError: nobody has measured an arm of this build.
+        InvalidInputError: there is no collision geometry for an arm of this build.
     """
     if isinstance(model.arm, SphericalWristArm):
         arm = _spherical_wrist_arm(model.arm)

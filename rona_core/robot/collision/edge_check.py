@@ -21,7 +21,7 @@ NEAR_MM = 65.0  # of a path point: nearer than this the probe must stay outside 
 def outside_bone(path: Path5D, model: RobotModel, clear: Clear | None = None) -> Clear:
     """Return a test that the probe does not dip under the path, besides another test if given.
 
-    Whoever knows nothing else of the surroundings knows that there is bone under the path.
+    Where nothing else of the surroundings is given, there is bone under the path.
     """
     tree = KDTree(path.points_base)
 

@@ -1,6 +1,6 @@
 """What stands around the robot: simple convex shapes in ``base``, each with a margin to keep.
 
-Plain values, so that they can be stored, sent to another process and told apart by their digest.
+Plain values, so that they can be stored, sent to another process and compared by their digest.
 Nothing here knows where things really are: see docs/algorithms/robot/collision.md for who says so.
 """
 
@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.devices.settings import require
+from rona_core.devices.limits import require
 from rona_core.devices.workcell import Surroundings
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.arrays import Floats, as_floats, as_points, readonly
@@ -101,13 +101,6 @@ class Obstacles:
 
         They count to the nanometre: the last bits depend on the processor that computed them.
         """
-        return self._hashed(DIGEST_DECIMALS)
-
-    def has_digest(self, digest: str | None) -> bool:
-        """Return whether a digest is of these things; that of older files took every bit."""
-        return digest in (self.digest(), self._hashed(None))
-
-    def _hashed(self, decimals: int | None) -> str:
         hasher = hashlib.sha256()
         for thing in self.things:
             pose = thing.pose
@@ -116,8 +109,7 @@ class Obstacles:
             hasher.update(f"{thing.name}\n{type(thing.shape).__name__}\n".encode())
             for values in numbers:
                 exact = np.ascontiguousarray(values, dtype="<f8")
-                if decimals is not None:
-                    exact = np.round(exact, decimals) + 0.0  # no negative zero
+                exact = np.round(exact, DIGEST_DECIMALS) + 0.0  # no negative zero
                 hasher.update(f"{exact.shape}".encode() + exact.tobytes())
         hasher.update(np.float64(self.self_margin_mm).tobytes())
         return hasher.hexdigest()
@@ -166,7 +158,7 @@ def table_and_floor(
 
 
 def added_boxes(settings: Surroundings, room: Pose) -> tuple[Obstacle, ...]:
-    """Return what else somebody said to stand in the room, in ``base``."""
+    """Return the further boxes of the set-up, in ``base``."""
     return tuple(
         Obstacle(
             box.name,

@@ -1,7 +1,7 @@
 """Least distances of convex bodies: from balls, and from planes that part them near by.
 
 Two convex bodies are as far apart as the widest gap that a plane with any normal leaves between
-them (Gilbert 1988). So every normal tells a distance that they keep at least, and the one that is
+them (Gilbert 1988). So every normal gives a lower bound of their distance, and the one that is
 best at one place of the robot is nearly as good at the places about it.
 """
 

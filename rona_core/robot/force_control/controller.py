@@ -31,7 +31,7 @@ STIFFNESS_N_PER_MM = 2.0  # what is expected before the first touch: that of the
 
 @dataclass(frozen=True, slots=True)
 class ContactSample:
-    """What one step is told."""
+    """Inputs of one control step."""
 
     time_s: float
     force_n: float  # pressing force along the tool axis, weight taken off

@@ -113,8 +113,9 @@ def band_is_safe(
         all(check.holds for check in checks),
         tuple(checks),
         motion_digest(robot, trajectory.times_s, qs, around),
+        robot,
+        tolerances="",  # its checks have limits of their own
         obstacles=around,
-        robot=robot,
     )
     return CorrectionCorridor(
         trajectory.times_s, readonly(band.travels_mm), readonly(qs), guided, certificate

@@ -11,17 +11,17 @@ from rona_core.devices.settings import ContactSettings
 from rona_core.devices.wrench import JR3
 from rona_core.geometry.arrays import clamped
 
-GAIN_SHARE = 0.3  # of the gain at which the loop rings for ever
+GAIN_SHARE = 0.3  # of the gain at which the loop oscillates undamped
 RESET_DELAYS = 5.0  # integration time over the dead time
 ERROR_MM, ERROR_LENGTH_MM = 2.0, 60.0  # misplaced surface that is reckoned with: a wave
 ALLOWED_RMS_N = 0.7  # of the force over such a surface; a stiffer contact is scanned slower
 LEAST_SHARE = 0.02  # of the scan speed
 
 
-def dead_time_s(settings: ContactSettings, cutoff_hz: float = JR3.cutoff_hz) -> float:
+def dead_time_s(settings: ContactSettings) -> float:
     """Return the dead time of the loop: transport, half a period, the robot and the filter."""
     own_ms = settings.delay_ms + settings.period_ms / 2.0 + settings.lag_ms
-    return own_ms / 1000.0 + 1.0 / (2.0 * math.pi * cutoff_hz)
+    return own_ms / 1000.0 + 1.0 / (2.0 * math.pi * JR3.cutoff_hz)
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,12 +9,14 @@ from numpy.typing import ArrayLike
 from rona_core.devices.wrench import SensorModel, ToolLoad
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Floats, as_floats, readonly
-from rona_core.robot.kinematics.robot_model import RobotModel
+from rona_core.robot.kinematics.robot_model import RobotModel, Tool
 
 GRAVITY_BASE = np.array((0.0, 0.0, -9.80665))  # m/s^2, z of ``base`` is up
 LEAST_POSES = 4
 LEAST_SPREAD = 0.1  # of gravity's direction in the sensor: smallest singular value, per pose
 LEAST_MASS_KG = 1e-3
+MASS_SIGMAS = 3.0  # by which a weighed mass may differ from the stated one
+G_PER_KG = 1000.0
 
 
 def fit_tool_load(rotations_base_sensor: ArrayLike, wrenches: ArrayLike) -> ToolLoad:
@@ -54,6 +56,8 @@ def fit_tool_load(rotations_base_sensor: ArrayLike, wrenches: ArrayLike) -> Tool
     if mass < LEAST_MASS_KG:
         raise DegenerateGeometryError(f"the tool seems to weigh {1000.0 * mass:.2g} g")
     left = seen[:, :3].reshape(-1) - by_force @ force, seen[:, 3:].reshape(-1) - by_torque @ torque
+    variance = float(left[0] @ left[0]) / (3 * n - by_force.shape[1])
+    mass_sigma = np.sqrt(variance * np.linalg.inv(by_force.T @ by_force)[0, 0])
     return ToolLoad(
         mass_kg=mass,
         com_sensor_mm=readonly(as_floats(torque[:3] / mass)),
@@ -61,6 +65,30 @@ def fit_tool_load(rotations_base_sensor: ArrayLike, wrenches: ArrayLike) -> Tool
         residual_n=float(np.sqrt((left[0] ** 2).mean())),
         residual_nmm=float(np.sqrt((left[1] ** 2).mean())),
         n_poses=n,
+        mass_sigma_kg=float(mass_sigma),
+    )
+
+
+def mass_disagreement(load: ToolLoad, tool: Tool) -> str | None:
+    """Return that the weighed mass m is not the stated mass m0, and what to do; None where it is.
+
+    They agree where |m - m0| <= 3 sqrt(sigma_m^2 + sigma_m0^2), sigma_m by the residual of the
+    identification and sigma_m0 as the tool states it (two-sided z test, 0.3 % of false alarms).
+    """
+    sigma = float(np.hypot(load.mass_sigma_kg, tool.mass_sigma_kg))
+    if abs(load.mass_kg - tool.mass_kg) <= MASS_SIGMAS * sigma:
+        return None
+    weighed, stated = (
+        f"{G_PER_KG * mass:.0f} ± {G_PER_KG * error:.0f} g"
+        for mass, error in (
+            (load.mass_kg, load.mass_sigma_kg),
+            (tool.mass_kg, tool.mass_sigma_kg),
+        )
+    )
+    return (
+        f"The tool on the flange weighs {weighed}, the model of the robot states {stated}: another "
+        "tool is clamped, a part is missing, or a cable pulls. Check what is on the flange and "
+        "scan again; if it is right, state its mass in the model (Tool.mass_kg)"
     )
 
 

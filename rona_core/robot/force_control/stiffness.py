@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from rona_core.devices.settings import require
+from rona_core.devices.limits import require
 from rona_core.geometry.arrays import clamped
 
 LOWEST, HIGHEST = 0.1, 400.0  # N/mm that are believed

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from functools import lru_cache
 
+from rona_core.devices.robots import ROBOTS, UNIVERSAL
 from rona_core.errors import InvalidInputError
 from rona_core.robot.kinematics import rx90
 from rona_core.robot.kinematics import universal_robots as ur
@@ -10,14 +11,12 @@ from rona_core.robot.kinematics.milling_tool import Spindle
 from rona_core.robot.kinematics.parameter_sources import Figure
 from rona_core.robot.kinematics.robot_model import RobotModel
 
-KNOWN = ("rx90", *ur.HOME_DEG)
-
 
 def robot_model(name: str = "rx90", overrides: Mapping[str, object] | None = None) -> RobotModel:
     """Return a robot by name.
 
     Args:
-        name: One of ``devices.settings.ROBOTS``.
+        name: One of ``devices.robots.ROBOTS``.
         overrides: Better figures by the keys of ``figures_of(name)``.
 
     Raises:
@@ -51,7 +50,7 @@ def figures_of(name: str) -> tuple[Figure, ...]:
         InvalidInputError: no robot of that name, or its description is not installed.
     """
     _require_known(name)
-    return rx90.PROVENANCE if name == "rx90" else ur.provenance(name, ur.urdf_path(name))
+    return ur.provenance(name, ur.urdf_path(name)) if name in UNIVERSAL else rx90.PROVENANCE
 
 
 @lru_cache(maxsize=8)
@@ -61,9 +60,9 @@ def _standard(name: str) -> RobotModel:
 
 def _built(name: str, overrides: Mapping[str, object] | None) -> RobotModel:
     _require_known(name)
-    return rx90.rx90(overrides) if name == "rx90" else ur.ur(name, overrides)
+    return ur.ur(name, overrides) if name in UNIVERSAL else rx90.rx90(overrides)
 
 
 def _require_known(name: str) -> None:
-    if name not in KNOWN:
-        raise InvalidInputError(f"there is no robot {name!r}; known robots: {', '.join(KNOWN)}")
+    if name not in ROBOTS:
+        raise InvalidInputError(f"there is no robot {name!r}; known robots: {', '.join(ROBOTS)}")

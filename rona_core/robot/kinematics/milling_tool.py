@@ -9,7 +9,7 @@ to the same length.
 import math
 from dataclasses import dataclass
 
-from rona_core.devices.settings import require_within
+from rona_core.devices.limits import require_within
 
 Profile = tuple[tuple[float, float], ...]  # radius and height in mm, in ``tip``
 

@@ -30,7 +30,7 @@ class Figure:
 
     @property
     def sourced(self) -> bool:
-        """Whether somebody else states this figure."""
+        """Whether this figure has a published source."""
         return self.trust not in ("assumed", "given")
 
     @property
@@ -45,7 +45,7 @@ class Figure:
 def overridden(
     figures: Sequence[Figure], overrides: Mapping[str, object] | None
 ) -> tuple[Figure, ...]:
-    """Return the figures with the values that somebody gives in place of ours.
+    """Return the figures with given values in place of the defaults.
 
     Args:
         figures: Rows of the table.

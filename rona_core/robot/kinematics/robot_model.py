@@ -30,6 +30,7 @@ class Tool:
     T_flange_probe: Pose
     T_flange_toolmarker: Pose
     mass_kg: float = 0.2  # of all that hangs on the force sensor; assumed, a scan weighs it
+    mass_sigma_kg: float = 0.015  # standard deviation of that assumption
     spindle: Spindle | None = None  # clamped in place of the probe; None: the probe is
     burr_offset_tip: Place = (0.0, 0.0, 0.0)  # of its tip off the drawing, as it was registered
 

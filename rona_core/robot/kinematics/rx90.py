@@ -1,7 +1,7 @@
 """The Stäubli RX90: lengths and limits, and where each figure comes from.
 
 No data sheet of the maker was at hand. Every figure carries its source and how far to trust it,
-so that whoever has the real robot can put in better ones. See docs/algorithms/robot/rx90.md.
+so that they can be replaced by those of the real robot. See docs/algorithms/robot/rx90.md.
 """
 
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""The UR5 and UR10 of Universal Robots, read from the descriptions of example-robot-data.
+"""Arms of Universal Robots, read from the descriptions of example-robot-data.
 
 Lengths, ranges and speeds stand in the URDF file of the package; none of them is copied here.
 Accelerations are assumed, as the file has none. See docs/algorithms/robot/universal_robots.md.
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from rona_core.devices.robots import UNIVERSAL
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import readonly
 from rona_core.robot.kinematics.joint_limits import JointLimits
@@ -43,22 +44,10 @@ ABOUT_X = ((1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (0.0, -1.0, 0.0))  # by one the oth
 STILL = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 ROTATIONS = np.array((STILL, ABOUT_Y, STILL, ABOUT_Y, STILL, STILL, ABOUT_X))  # at q = 0
 CLOSE_MM, CLOSE = 1e-6, 1e-9  # rounding of the file's numbers
-HOME_DEG = {
-    "ur5": (-10.0, -99.0, 56.0, 43.0, 65.0, -90.0),
-    "ur10": (-20.0, -117.0, 98.0, 19.0, 55.0, -90.0),
-}
-ACCELERATION_RAD_PER_S2 = {
-    "ur5": (8.0, 8.0, 8.0, 12.0, 12.0, 12.0),
-    "ur10": (5.0, 5.0, 7.0, 10.0, 10.0, 15.0),
-}
 ROOM_LOWER_DEG = (-135.0, -180.0, -360.0, -360.0, -360.0, -180.0)
 ROOM_UPPER_DEG = (135.0, 0.0, 360.0, 360.0, 360.0, 0.0)
 ROOM = "work before the base, elbow above the table, tool hanging below the wrist"
 TO_TRACKER = (0.966, 0.259, 0.0)
-WORK_AREAS = {  # the head nearer to the shorter arm
-    "ur5": WorkArea((480.0, 60.0, 300.0), (420.0, 60.0, 480.0), TO_TRACKER),
-    "ur10": WorkArea((600.0, 60.0, 400.0), (540.0, 60.0, 580.0), TO_TRACKER),
-}
 
 
 def ur(
@@ -67,7 +56,7 @@ def ur(
     """Return an arm of this family, from its own description or from another file.
 
     Args:
-        name: ``ur5`` or ``ur10``.
+        name: One of ``devices.robots.UNIVERSAL``.
         overrides: Better figures by the keys of ``provenance``.
         urdf: A description of the same build. Where its lengths are those of another type, the
             arm is named after the file; limits of acceleration, home and work area stay those of
@@ -80,6 +69,7 @@ def ur(
     path = own if urdf is None else Path(urdf)
     arm, drawn = parallel_arm(path), parallel_arm(own)
     values = arrays_of(overridden(provenance(name, path), overrides))
+    lacking = UNIVERSAL[name]
     return RobotModel(
         name=name if of_one_type(astuple(arm), astuple(drawn)) else f"arm of {path.name}",
         arm=arm,
@@ -92,7 +82,7 @@ def ur(
         home_rad=readonly(np.deg2rad(values["home_deg"])),
         tool=perpendicular_tool(values["tip_flange_mm"]),
         held_apart=(("forearm", "wrist 2"),),  # the wrist passes beside the forearm
-        work_area=WORK_AREAS[name],
+        work_area=WorkArea(lacking.region_base, lacking.pivot_base, TO_TRACKER),
         urdf=str(path),
     )
 
@@ -121,7 +111,7 @@ def provenance(name: str, path: str | Path) -> tuple[Figure, ...]:
         InvalidInputError: the file cannot be read, or describes an arm of another build.
     """
     arm, (described, _) = parallel_arm(path), read_urdf(path)
-    source = Path(path).name
+    source, lacking = Path(path).name, UNIVERSAL[name]
     if Path(path) == urdf_path(name):
         source += f" of {PACKAGE}"
     lengths = [
@@ -153,7 +143,7 @@ def provenance(name: str, path: str | Path) -> tuple[Figure, ...]:
             (
                 "acceleration",
                 "acceleration_rad_per_s2",
-                ACCELERATION_RAD_PER_S2[name],
+                lacking.acceleration_rad_per_s2,
                 "rad/s^2",
                 "the description has none; chosen well below what such arms do",
             ),
@@ -164,7 +154,13 @@ def provenance(name: str, path: str | Path) -> tuple[Figure, ...]:
                 "mm",
                 "the tool of the RX90",
             ),
-            ("home", "home_deg", HOME_DEG[name], "deg", "tool pointing down, above the work"),
+            (
+                "home",
+                "home_deg",
+                lacking.home_deg,
+                "deg",
+                "tool pointing down, above the work",
+            ),
         )
     ]
     return (*lengths, *stated, *chosen)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from rona_core.devices.settings import require
+from rona_core.devices.limits import require
 from rona_core.errors import InvalidInputError, NotReachableError
 from rona_core.geometry.arrays import Floats, Ints, as_vector3, readonly
 from rona_core.geometry.pose import Pose, Poses
@@ -142,7 +142,7 @@ def _samples(
         legs: Tool poses from each stop to the next.
         qs_legs: Joint angles of the legs.
         dwell_s: How long the robot stands still at each stop.
-        clear: Tells for joint angles (n, 6) where nothing is touched.
+        clear: Maps joint angles (n, 6) to where nothing is touched.
     """
     parts, dwells = [clear_move(model, model.home_rad, qs_legs[0][0], clear)], []
     length = len(parts[0])
@@ -153,7 +153,7 @@ def _samples(
         leg = q_stop[None][:0]
         if i < len(legs):
             leg = _drive(model, legs[i], qs_legs[i])
-            if not clear(leg).all():  # nobody measures on the way
+            if not clear(leg).all():  # no measurement on the way
                 leg = clear_move(model, leg[0], leg[-1], clear)
             leg = leg[1:]
         parts += [stay, leg]

@@ -5,13 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.devices.settings import require
+from rona_core.devices.limits import require
+from rona_core.devices.robots import UNIVERSAL
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats
-from rona_core.robot.kinematics.universal_robots import HOME_DEG
 from rona_core.robot.trajectory.trajectory import TimedMotion
 
-UR_ARMS = tuple(HOME_DEG)
 PERIOD_S = 0.008  # of servoj, on controllers of the CB series; those of the e series are faster
 LOOKAHEAD_S, GAIN = 0.03, 1000  # the least smoothing that servoj has, so that it lags the least
 SPEED_RAD_PER_S, ACCELERATION_RAD_PER_S2 = 0.3, 0.5  # of the move to where the motion begins
@@ -21,7 +20,7 @@ COLUMNS = "time_s," + ",".join(f"q{joint}_rad" for joint in range(1, 7))
 
 @dataclass(frozen=True, slots=True)
 class Pause:
-    """A time at which the motion stands still and waits for somebody."""
+    """A time at which the motion stands still and waits for a confirmation."""
 
     time_s: float
     words: str  # what is to be done, plain letters
@@ -49,8 +48,8 @@ def urscript(
 ) -> str:
     """Return a motion as a program for the controller of a UR arm.
 
-    The arm goes slowly to the first posture, then `servoj` is told the joint angles every 8 ms,
-    linear between the samples, as they were certified. At pauses it waits until somebody confirms.
+    The arm goes slowly to the first posture, then `servoj` receives the joint angles every 8 ms,
+    linear between the samples, as they were certified. At pauses it waits for a confirmation.
 
     Args:
         model: Name of the robot.
@@ -62,9 +61,9 @@ def urscript(
     Raises:
         InvalidInputError: another robot, or a pause while it moves.
     """
-    if model not in UR_ARMS:
+    if model not in UNIVERSAL:
         raise InvalidInputError(
-            f"URScript is for arms of Universal Robots ({', '.join(UR_ARMS)}), this is the "
+            f"URScript is for arms of Universal Robots ({', '.join(UNIVERSAL)}), this is the "
             f"{model}: take the table of joint angles"
         )
     lines = [*_header(model, motion, digest), f"def {name}():", *FOLLOW]
@@ -111,8 +110,8 @@ def _header(model: str, motion: TimedMotion, digest: str) -> tuple[str, ...]:
         "# Joint angles in rad, base to wrist 3, zero as in the description of the maker; times",
         f"# in s, {last_s:.2f} s in all, for the model of the arm and not for its calibration.",
         "# CHECK IT AT REDUCED SPEED, without a burr and without a patient, before it is used.",
-        "# The program does not start the spindle. servoj lags behind what it is told; the",
-        "# certificate holds for the angles that are told, with this digest:",
+        "# The program does not start the spindle. servoj lags behind its set point; the",
+        "# certificate holds for the commanded angles, with this digest:",
         f"# {digest}",
     )
 

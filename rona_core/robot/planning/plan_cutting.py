@@ -63,12 +63,12 @@ def plan_cutting(
         path: What the burr is to follow.
         model: The robot with its spindle.
         settings: What to try.
-        progress: Told the share that is done.
+        progress: Receives the share that is done, 0 to 1.
         cancel: Asked during the search.
 
     Raises:
         InvalidInputError: an empty working set.
-        CancelledError: somebody cancelled.
+        CancelledError: ``cancel`` returned True.
     """
     settings = settings or CuttingPlanSettings()
     total_mm = float(path.way_mm()[-1])

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from rona_core.devices.limits import require
 from rona_core.devices.protocols import Cancel, Progress, never, silent
-from rona_core.devices.settings import require
 from rona_core.errors import InvalidInputError, NotReachableError
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.path5d import Path5D, resample_path
@@ -88,12 +88,12 @@ def plan_scan(
             steps are filled in, so that the path of the plan may have more points.
         model: The robot with its tool.
         settings: What to try.
-        progress: Told the share that is done.
+        progress: Receives the share that is done, 0 to 1.
         cancel: Asked during the search.
 
     Raises:
         InvalidInputError: an empty working set, or a path without length.
-        CancelledError: somebody cancelled.
+        CancelledError: ``cancel`` returned True.
     """
     settings = settings or PlanSettings()
     if path.arc_length_mm()[-1] <= 0.0:
@@ -162,7 +162,7 @@ class _MotionPlanner:
 
     model: RobotModel
     settings: PlanSettings
-    clear: Clear  # tells for joint angles (n, 6) where nothing is touched
+    clear: Clear  # joint angles (n, 6) -> where nothing is touched (n,)
 
     def constant(self, search: RollSearch, index: int, branch: int) -> RobotPlan:
         """Return the plan with a constant roll; raise NotReachableError where none is possible."""

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rona_core.devices.limits import require
 from rona_core.devices.protocols import Cancel, Progress, never, silent
-from rona_core.devices.settings import require
 from rona_core.geometry.arrays import Floats, Ints, readonly
 from rona_core.geometry.path5d import Path5D
 from rona_core.robot.kinematics.joint_limits import TURN_RAD, shift_to_fit
@@ -205,7 +205,7 @@ class RollEvaluation:
         """Return the postures of every roll on every branch, solved anew: they take much memory.
 
         Raises:
-            CancelledError: somebody cancelled.
+            CancelledError: ``cancel`` returned True.
         """
         return solve_roll_grid(
             self.path, self.model, self.rolls_rad, self.margin_limits, cancel=cancel
@@ -249,7 +249,7 @@ def evaluate_constant_rolls(
 
     Raises:
         DegenerateGeometryError: neighbouring axes of the path are opposite.
-        CancelledError: somebody cancelled.
+        CancelledError: ``cancel`` returned True.
     """
     rolls_rad = np.deg2rad(rolls_deg)
     groups = [

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.devices.settings import require
+from rona_core.devices.limits import require
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.path5d import Path5D
 from rona_core.robot.kinematics.joint_limits import TURN_RAD, JointLimits

@@ -30,7 +30,7 @@ def refine_roll(problem: RollProblem, start: RollCurve, *, cancel: Cancel = neve
     A roll between two bins of the grid counts as blocked where one of them is.
 
     Raises:
-        CancelledError: somebody cancelled.
+        CancelledError: ``cancel`` returned True.
     """
     if problem.grid.n_points < 2:
         return start

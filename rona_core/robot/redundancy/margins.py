@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.devices.settings import require
+from rona_core.devices.limits import require
 from rona_core.geometry.arrays import Bools, Floats, readonly
 from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Poses
@@ -206,15 +206,11 @@ def joint_path(path: Path5D, model: RobotModel, rolls_rad: ArrayLike, branch: in
 
 
 def branch_margins(
-    path: Path5D,
-    model: RobotModel,
-    rolls_rad: ArrayLike,
-    branch: int,
-    margin_limits: MarginLimits | None = None,
+    path: Path5D, model: RobotModel, rolls_rad: ArrayLike, branch: int
 ) -> BranchMargins:
     """Return the margins of the ``joint_path`` with the same arguments, against what is allowed."""
     poses, only = _poses_on(path, model, rolls_rad), slice(branch, branch + 1)
-    margins = compute_margins(model, poses, margin_limits or MarginLimits(), only)
+    margins = compute_margins(model, poses, MarginLimits(), only)
     qs = margins.qs_rad[:, 0]
     return BranchMargins(
         qs_rad=readonly(qs.copy()),

@@ -63,7 +63,7 @@ def optimal_roll(
     concerned, and the search is repeated.
 
     Raises:
-        CancelledError: somebody cancelled.
+        CancelledError: ``cancel`` returned True.
     """
     limits = problem.grid.model.limits
     branches = np.flatnonzero(problem.allowed().any(axis=1).all(axis=-1))
@@ -126,7 +126,7 @@ def cheapest_path(
     degrees adds a turn.
 
     Raises:
-        CancelledError: somebody cancelled.
+        CancelledError: ``cancel`` returned True.
     """
     n, rows, count = lattice.nodes.shape
     band, width, aware = lattice.band, 2 * lattice.band + 1, lattice.aware

@@ -28,7 +28,7 @@ from rona_core.robot.redundancy.margins import (
     singularity_margin,
 )
 
-GROUP = 8192  # poses worked on together; between groups somebody may cancel
+GROUP = 8192  # poses computed together; between groups the search can be cancelled
 FULL_RAD = TURN_RAD - 1e-9
 EDGE_RAD = 1e-9
 
@@ -115,12 +115,12 @@ def solve_roll_grid(
         model: The robot with its tool.
         rolls_rad: Rolls (R,), ascending and evenly spaced.
         margin_limits: What is allowed.
-        progress: Told the share that is done.
+        progress: Receives the share that is done, 0 to 1.
         cancel: Asked between groups of rolls.
 
     Raises:
         DegenerateGeometryError: neighbouring axes of the path are opposite.
-        CancelledError: somebody cancelled.
+        CancelledError: ``cancel`` returned True.
     """
     n, count = len(path), len(rolls_rad)
     turning = turning_joints(model.limits)
@@ -161,11 +161,11 @@ def roll_groups(count: int, n: int, progress: Progress, cancel: Cancel) -> Itera
     Args:
         count: Number of rolls.
         n: Number of path points.
-        progress: Told the share that is done.
+        progress: Receives the share that is done, 0 to 1.
         cancel: Asked between groups.
 
     Raises:
-        CancelledError: somebody cancelled.
+        CancelledError: ``cancel`` returned True.
     """
     at_once = max(1, GROUP // n)
     for start in range(0, count, at_once):

@@ -37,14 +37,14 @@ def plan_variable_roll(
     Args:
         grid: The rolls of the working set along the path.
         cost: The objective.
-        clear: Tells for joint angles (m, 6) where nothing touches. The curve found is checked,
+        clear: Maps joint angles (m, 6) to where nothing is touched. The curve found is checked,
             and searched anew round the postures that touch.
         standoff_mm: The probe must be able to be retracted this far from both ends.
-        progress: Told the share that is done.
+        progress: Receives the share that is done, 0 to 1.
         cancel: Asked on the way.
 
     Raises:
-        CancelledError: somebody cancelled.
+        CancelledError: ``cancel`` returned True.
     """
     rolls_rad = refined_rolls(grid)
     if len(rolls_rad) != len(grid.rolls_rad):

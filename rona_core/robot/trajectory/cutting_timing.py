@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.devices.settings import require_within
+from rona_core.devices.limits import require_within
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, Ints, readonly
 from rona_core.geometry.path5d import Path5D, UpheldPath5D, subdivided
@@ -93,7 +93,7 @@ def time_cutting(
         qs_rad: Joint angles (m, 6) there, continuous, one branch.
         model: The robot with its spindle.
         settings: How to drive.
-        clear: Tells for joint angles (n, 6) where nothing is touched; None: nothing is known.
+        clear: Maps joint angles (n, 6) to where nothing is touched; None: nothing is known.
 
     Raises:
         InvalidInputError: not one joint vector for each way, or rests at different postures.

@@ -99,7 +99,7 @@ def plan_joint_move(
         q_from_rad: Joint angles (6,) where the robot stands.
         q_to_rad: Joint angles (6,) to go to.
         model: The robot.
-        clear: Tells for joint angles (n, 6) where nothing is touched; None: nothing is around.
+        clear: Maps joint angles (n, 6) to where nothing is touched; None: nothing is around.
 
     Raises:
         InvalidInputError: wrong shapes.
@@ -133,7 +133,7 @@ def plan_joint_path(
         q_from_rad: Joint angles (6,) where the robot stands.
         q_to_rad: Joint angles (6,) to go to.
         model: The robot.
-        clear: Tells for joint angles (n, 6) where nothing is touched.
+        clear: Maps joint angles (n, 6) to where nothing is touched.
         seed: Of the search, where one is needed; the same seed finds the same way.
         most_checks: Places looked at before the search gives up.
 

@@ -19,7 +19,7 @@ def retract_after_stop(
     Args:
         model: The robot with its tool.
         q_rad: Joint angles (6,) where it stands.
-        clear: Tells for joint angles (n, 6) where nothing is touched that must not be.
+        clear: Maps joint angles (n, 6) to where nothing is touched that must not be.
         retract_mm: How far to go.
 
     Raises:

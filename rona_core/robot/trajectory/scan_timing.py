@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.devices.settings import require
+from rona_core.devices.limits import require
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.geometry.path5d import Path5D
@@ -137,7 +137,7 @@ def time_scan(
         qs_rad: Joint angles (n, 6) that follow it, continuous, one branch.
         model: The robot with its tool.
         settings: Speeds and stand-off.
-        clear: Tells for joint angles (n, 6) where nothing is touched. Approach and retract go
+        clear: Maps joint angles (n, 6) to where nothing is touched. Approach and retract go
             around what is in the way. None: nothing is known but the bone under the path.
 
     Raises:

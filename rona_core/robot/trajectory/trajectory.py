@@ -44,16 +44,20 @@ def sampled_motion(qs_rad: Floats) -> Trajectory:
     )
 
 
-def motion_digest(robot: str, times_s: Floats, qs_rad: Floats, obstacles: str = "") -> str:
-    """Return the SHA-256 of a motion, its robot and what stands around, as hexadecimal digits.
+def motion_digest(
+    robot: str, times_s: Floats, qs_rad: Floats, obstacles: str = "", tolerances: str = ""
+) -> str:
+    """Return the SHA-256 of a motion and of what it was verified for, as hexadecimal digits.
 
     Args:
         robot: Digest of the robot.
         times_s: Times (n,).
         qs_rad: Joint angles (n, 6), or (n, m, 6) of a motion with m corrections.
         obstacles: Digest of what stands around; "" where that was not looked at.
+        tolerances: Digest of what the verifier insisted on; "" in files of earlier versions.
     """
-    digest = hashlib.sha256(f"{robot}\n{obstacles}".encode())
+    stated = (robot, obstacles, tolerances) if tolerances else (robot, obstacles)
+    digest = hashlib.sha256("\n".join(stated).encode())
     for array in (times_s, qs_rad):
         exact = np.ascontiguousarray(array, dtype="<f8")
         digest.update(str(exact.shape).encode())

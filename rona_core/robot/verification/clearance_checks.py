@@ -15,9 +15,8 @@ from rona_core.robot.collision.collision_world import ITSELF, CollisionWorld
 from rona_core.robot.collision.obstacles import Obstacles
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.verification.certificate import Check
-from rona_core.robot.verification.motion_checks import DENSITY, DenseMotion, check
-
-HALVINGS = 6  # of a step between samples at most
+from rona_core.robot.verification.motion_checks import DenseMotion, check
+from rona_core.robot.verification.tolerances import DENSITY, HALVINGS
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,11 +1,9 @@
-"""Verification of a cutting motion: as any motion, and that the burr cuts what it is to only.
+"""Verification of a cutting motion: as any motion, and that the burr cuts only along its path.
 
 The tip follows the path at its feeds, the burr never goes below the planned floor, it goes sideways
 in the air over the bone only, and after every part the way home is the certified one. See
 docs/algorithms/implant/robot_milling.md.
 """
-
-from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -16,32 +14,22 @@ from rona_core.robot.trajectory.cutting_path import BurrPlaces, CuttingPath
 from rona_core.robot.trajectory.trajectory import Trajectory
 from rona_core.robot.verification.certificate import Certificate, Check
 from rona_core.robot.verification.motion_checks import (
-    DENSITY,
-    EXACT,
-    EXCESS,
     DenseMotion,
-    Tolerances,
     check,
     per_sample,
     singular_checks,
 )
-from rona_core.robot.verification.verifier import NEAR_MM, certify
-
-SIDEWAYS_MM = 0.05  # a move in the air that goes farther than this must be over the bone
-SAME_MM = 1e-6  # of way
-
-
-@dataclass(frozen=True, slots=True)
-class CuttingTolerances:
-    """What the verifier insists on beside what it does for every motion."""
-
-    motion: Tolerances = field(default_factory=Tolerances)
-    position_mm: float = 0.1  # of the tip from the path
-    below_mm: float = 0.05  # of the lowest place of the burr below that of the path, while it cuts
-    axis_rad: float = float(np.deg2rad(0.5))
-    feed_excess: float = 0.01
-    way_mm: float = 8.0  # from one sample to the next
-    posture_rad: float = float(np.deg2rad(0.01))  # of a rest from where the way home begins
+from rona_core.robot.verification.tolerances import (
+    DENSITY,
+    EXACT,
+    EXCESS,
+    NEAR_MM,
+    SAME_MM,
+    SIDEWAYS_MM,
+    CuttingTolerances,
+    tolerances_digest,
+)
+from rona_core.robot.verification.verifier import certify
 
 
 def verify_cutting(
@@ -69,7 +57,7 @@ def verify_cutting(
     def cutting_checks(dense: DenseMotion) -> list[Check]:
         claim = _Claim(trajectory, dense, path)
         complete = _completeness_checks(claim, allowed)
-        if not all(one.holds for one in complete):  # nobody knows where the burr ought to be
+        if not all(one.holds for one in complete):  # the planned place of the burr is unknown
             return complete
         return [
             *complete,
@@ -79,7 +67,8 @@ def verify_cutting(
             *_singular_checks(dense, claim, allowed),
         ]
 
-    return certify(model, trajectory, allowed.motion, obstacles, cutting_checks)
+    insisted = tolerances_digest(allowed)
+    return certify(model, trajectory, allowed.motion, insisted, obstacles, cutting_checks)
 
 
 class _Claim:

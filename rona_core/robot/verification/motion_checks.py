@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.devices.settings import require
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, as_floats
 from rona_core.robot.kinematics.arm import as_joints
@@ -15,33 +14,13 @@ from rona_core.robot.kinematics.pinocchio_model import PinocchioArm
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.trajectory.trajectory import TimedMotion
 from rona_core.robot.verification.certificate import Check
-
-DENSITY = 4  # poses looked at for each sample of the motion
-EXACT = 1e-9  # rounding that is forgiven
-SHORTEST_S = 1e-4  # least time between samples
-EXCESS = 1e-6  # share of a speed or acceleration limit that rounding may add
-
-
-@dataclass(frozen=True, slots=True)
-class Tolerances:
-    """What the verifier insists on."""
-
-    step_rad: float = float(np.deg2rad(10.0))  # largest joint step between samples
-    position_mm: float = 0.3  # of the probe face from the path
-    axis_rad: float = float(np.deg2rad(0.5))  # of the probe axis from that of the path
-    roll_rad: float = float(np.deg2rad(0.5))  # about the probe axis
-    singular_rad: float = float(np.deg2rad(4.9))  # of elbow and wrist from straight, on the path
-    shoulder_mm: float = 29.0  # of the wrist centre from axis 1, on the path
-    speed_excess: float = 0.01  # over the scan speed that was asked for, also of the probe itself
-    uneven_excess: float = 0.1  # likewise, between samples: the probe is uneven, joints are linear
-    dip_mm: float = 0.5  # into the bone while approaching or leaving
-    chord_mm: float = 0.1  # of the tool between samples from the straight line between them
-    tool_speed_mm_per_s: float = 250.0  # of the tip; what robots near people are held to
-    path_acceleration_mm_per_s2: float = 250.0  # of the probe while it scans
-
-    def __post_init__(self) -> None:
-        for name in self.__slots__:
-            require(getattr(self, name) > 0.0, f"{name} must be positive")
+from rona_core.robot.verification.tolerances import (
+    DENSITY,
+    EXACT,
+    EXCESS,
+    SHORTEST_S,
+    Tolerances,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

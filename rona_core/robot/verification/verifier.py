@@ -21,11 +21,7 @@ from rona_core.robot.trajectory.trajectory import TimedMotion, Trajectory, motio
 from rona_core.robot.verification.certificate import Certificate, Check
 from rona_core.robot.verification.clearance_checks import clearance
 from rona_core.robot.verification.motion_checks import (
-    DENSITY,
-    EXACT,
-    EXCESS,
     DenseMotion,
-    Tolerances,
     check,
     dense_motion,
     joint_checks,
@@ -34,10 +30,14 @@ from rona_core.robot.verification.motion_checks import (
     tool_checks,
 )
 from rona_core.robot.verification.robot_digest import robot_digest
-
-__all__ = ["Tolerances", "certify", "verify_motion", "verify_scan"]
-
-NEAR_MM = 60.0  # within this of a path point, the tip must stay outside the bone
+from rona_core.robot.verification.tolerances import (
+    DENSITY,
+    EXACT,
+    EXCESS,
+    NEAR_MM,
+    Tolerances,
+    tolerances_digest,
+)
 
 
 def verify_motion(
@@ -58,7 +58,8 @@ def verify_motion(
     Raises:
         InvalidInputError: arrays of the wrong shape, or values that are not finite.
     """
-    return certify(model, motion, tolerances or Tolerances(), obstacles, lambda _: [])
+    allowed = tolerances or Tolerances()
+    return certify(model, motion, allowed, tolerances_digest(allowed), obstacles, lambda _: [])
 
 
 def verify_scan(
@@ -97,13 +98,15 @@ def verify_scan(
             _dip_check(trajectory, dense, path, allowed),
         ]
 
-    return certify(model, trajectory, allowed, obstacles, scan_checks)
+    insisted = tolerances_digest(allowed)
+    return certify(model, trajectory, allowed, insisted, obstacles, scan_checks)
 
 
 def certify(
     model: RobotModel,
     motion: TimedMotion,
     allowed: Tolerances,
+    insisted: str,
     obstacles: Obstacles | None,
     task_checks: Callable[[DenseMotion], list[Check]],
 ) -> Certificate:
@@ -111,6 +114,7 @@ def certify(
 
     Where time runs backwards the joints alone are looked at: there are no speeds to speak of. The
     robot is always held against itself; a motion is certified among known obstacles alone.
+    ``insisted`` is the digest of the tolerances, those of the task included.
     """
     checks = joint_checks(model, motion, allowed)
     least_mm = None
@@ -128,10 +132,11 @@ def certify(
         model=model.name,
         certified=all(check.holds for check in checks),
         checks=tuple(checks),
-        digest=motion_digest(robot, motion.times_s, motion.qs_rad, around),
+        digest=motion_digest(robot, motion.times_s, motion.qs_rad, around, insisted),
+        robot=robot,
+        tolerances=insisted,
         obstacles=around,
         min_clearance_mm=least_mm,
-        robot=robot,
     )
 
 

@@ -4,7 +4,7 @@ The bound of Cramer and Rao for a nominal inner echo in the receiver's noise, an
 which that echo stands out. Rough surfaces, scatter and tilt come on top: no probe does better.
 
 A sweep tries detection with other probes, excitations and noise on a layered plate as in a skull,
-made anew for every cell by whoever records it; it is nobody's specimen, and detection learns
+made anew for every cell by the recorder; it is no specimen, and detection learns
 nothing of it. Errors are of the time of flight, stated as thickness at the nominal speed, so that
 the unknown speed of sound does not hide what the probe can do.
 """
@@ -15,9 +15,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rona_core.devices.probes import PROBE_DATA
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.devices.samples import AScanTrack
-from rona_core.devices.settings import Excitation, ProbeName, ProbeSettings
+from rona_core.devices.settings import Excitation, ProbeSettings
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.geometry.arrays import Floats, Ints, as_floats, readonly
 from rona_core.ultrasound.detection.detect import NOMINAL_SPEED_MM_PER_US, detect, nominal_bone
@@ -44,7 +45,7 @@ RecordPlate = Callable[
 class ExpectedPerformance:
     """Expected performance of one probe with one excitation at some thicknesses (n,)."""
 
-    probe: ProbeName
+    probe: str
     excitation: Excitation
     thickness_mm: Floats
     sigma_mm: Floats  # (n,) least standard deviation of the thickness, by noise alone
@@ -85,14 +86,13 @@ def expected_performance(
 
 def expected_performances(settings: ProbeSettings) -> tuple[ExpectedPerformance, ...]:
     """Return those of each probe and excitation; what was edited counts for its own probe."""
-    names: tuple[ProbeName, ...] = ("2.25MHz", "1MHz")
     kinds: tuple[Excitation, ...] = ("pulse", "chirp")
     unedited = ProbeSettings(front_snr_db=settings.front_snr_db, pitch_mm=settings.pitch_mm)
     return tuple(
         expected_performance(
             replace(settings if name == settings.name else unedited, name=name, excitation=kind)
         )
-        for name in names
+        for name in PROBE_DATA
         for kind in kinds
     )
 
@@ -115,7 +115,7 @@ def _at(settings: ProbeSettings, thickness_mm: Floats) -> tuple[Floats, Floats]:
 class WhatIfGrid:
     """What is swept: every probe, excitation, noise and thickness with every other."""
 
-    probes: tuple[ProbeName, ...] = ("2.25MHz", "1MHz")
+    probes: tuple[str, ...] = tuple(PROBE_DATA)
     excitations: tuple[Excitation, ...] = ("pulse", "chirp")
     snr_db: tuple[float, ...] = (30.0, 50.0)
     thickness_mm: tuple[float, ...] = (3.0, 5.0, 8.0, 11.0)
@@ -123,7 +123,7 @@ class WhatIfGrid:
     n: int = 40  # A-scans in each cell
 
     @property
-    def cells(self) -> tuple[tuple[ProbeName, Excitation, float, float], ...]:
+    def cells(self) -> tuple[tuple[str, Excitation, float, float], ...]:
         """Every combination, the thickness running fastest."""
         return tuple(
             (probe, excitation, snr, thickness)
@@ -166,11 +166,11 @@ def sweep(
         grid: Cells of the sweep.
         record: Makes the A-scans of a plate.
         seed: Of all plates.
-        progress: Told the share that is done.
+        progress: Receives the share that is done, 0 to 1.
         cancel: Asked between cells.
 
     Raises:
-        CancelledError: somebody cancelled.
+        CancelledError: ``cancel`` returned True.
     """
     cells = grid.cells
     rows: list[tuple[float, ...]] = []

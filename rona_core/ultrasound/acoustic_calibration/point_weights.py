@@ -12,7 +12,7 @@ from rona_core.ultrasound.acoustic_calibration.speed_field import (
 )
 from rona_core.ultrasound.acoustic_calibration.speed_prior import SpeedPrior
 
-LEAST_POINTS = 3  # of which one may be told to be an outlier
+LEAST_POINTS = 3  # of which one can be found to be an outlier
 FREEDOM = 4.0  # of Student's t: how much a single outlier counts
 ROUNDS = 10
 

@@ -1,8 +1,8 @@
 """Mounting of the robot's probe: how far its face stands off its place in the holder.
 
 A gauge plate of steel is screwed onto the holder, which presses the line by known depths. Echo time
-over depth is a straight line: its slope tells the speed of sound in the line, its height where the
-uncompressed face ends. Both are as they are now: warm, worn, and clamped as somebody did.
+over depth is a straight line: its slope gives the speed of sound in the line, its offset where the
+uncompressed face ends. Both are those of now: at this temperature, wear and clamping.
 """
 
 from collections.abc import Sequence
@@ -106,7 +106,7 @@ def calibrate_mounting(
 def _judged(offset: float, slope: float, residuals: Floats) -> tuple[str, tuple[str, ...]]:
     bad: list[str] = []
     if abs(slope - 1.0) > FAR_SHARE:
-        bad.append(f"the line is {100 * (slope - 1.0):+.1f} % slower than told: another echo?")
+        bad.append(f"the line is {100 * (slope - 1.0):+.1f} % slower than stated: another echo?")
     if abs(offset) > FAR_MM:
         bad.append(f"the face would be {offset:+.1f} mm off its place: another gauge or probe?")
     if np.abs(residuals).max() > UNEVEN_MM:

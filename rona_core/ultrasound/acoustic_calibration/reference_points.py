@@ -28,7 +28,7 @@ ALIKE_MM = 0.4  # a place is chosen where its neighbours agree so well
 CONFIDENT = 0.95  # and where its inner boundary is so likely to be the right one
 LEAST_NEAR = 6
 LEAST_SCATTER_MM = 0.01
-LONELY_SLOPE = 0.15  # taken where nobody is around
+LONELY_SLOPE = 0.15  # taken where there is no neighbour
 # mean probability of the sure echoes, below which most of them may have taken another wave alike
 LEAST_MEAN_QUALITY = 0.955
 CYCLE_SLIP_PROBABILITY = 3 / 7  # of the simulated patients below it, three of seven had
@@ -50,7 +50,7 @@ class ReferenceProposal:
 def propose_references(
     places_base: Floats, detection: Detection, n: int, known: SpeedCalibration | None = None
 ) -> ReferenceProposal:
-    """Return the A-scans at which a caliper tells most of the thickness everywhere.
+    """Return the A-scans at which a caliper is most informative of the thickness everywhere.
 
     One after the other, each the place that lowers the expected squared error of all thicknesses
     most (greedy A-optimal design, Krause 2008). It prefers thick places, where a caliper's error
@@ -121,7 +121,7 @@ def lags_at(
     """Return the two-way times (n,) through the bone at places (n, 3), and their sigmas in us.
 
     Each is that of a plane through the sure A-scans around the place. Its sigma is their scatter,
-    and what the slope of that plane may cost: of a wedge, the nearest part is heard first. What all
+    and what the slope of that plane may cost: of a wedge, the nearest part echoes first. What all
     lags have in common is not in it.
 
     Raises:

@@ -1,7 +1,7 @@
 """Calibration of the sound speed in bone at a few places of known thickness.
 
-A caliper at reference points tells how this patient differs from the published mean, and as far as
-it can how places differ from each other (``speed_field``), so that one bad point is no more than
+A caliper at reference points measures how this patient differs from the published mean, and as far
+as it can how places differ from each other (``speed_field``), so that one bad point is no more than
 that. Speeds are mm/us, lags are two-way times from the outer to the inner boundary in us.
 """
 

@@ -117,7 +117,7 @@ def correlation(places: Floats | None, n: int, prior: SpeedPrior) -> Floats:
 
 
 def _likeness(a: Floats, b: Floats | None, prior: SpeedPrior, n: int) -> Floats:
-    """Return the correlation (m, n) of places (m, k) and (n, k); 0 with places nobody knows."""
+    """Return the correlation (m, n) of places (m, k) and (n, k); 0 with non-finite places."""
     if b is None or not len(a):
         return np.zeros((len(a), n))
     return np.exp(-0.5 * cdist(a, b, "sqeuclidean") / prior.local_length_mm**2)

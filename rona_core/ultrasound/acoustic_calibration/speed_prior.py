@@ -1,7 +1,7 @@
 """Prior distribution of the speed of sound in a skull, from published data alone.
 
 Means of studies, through bone of which 45 % is diploe, at 2.25 MHz and in mm/us: 2.55 (Aubry 2022),
-2.69 (Pichardo 2011), 2.71 (Fry 1978), 2.82 (White 2006). Which of them holds for a patient nobody
+2.69 (Pichardo 2011), 2.71 (Fry 1978), 2.82 (White 2006). Which of them holds for a patient is not
 knows, and pieces of bone of one study differ: of skull by 1.4 % (White 2006), of cortical bone by
 7 % (17 pieces, Mathieu 2013). Places of one patient differ by 1.4 % at least, as if those pieces of
 skull were one patient's, and by up to 5 %, where a diploe 15 to 20 % slower takes 0.2 to 0.7 of the
@@ -36,7 +36,7 @@ LOCAL_LOG_SD = _log_sd(*PLACE_SHARES)
 LOCAL_SHARE = _rms(*PLACE_SHARES)
 # of patients about the mean of their study: what places leave of pieces
 WITHIN_STUDY_SHARE = float(np.sqrt(_rms(*PIECE_SHARES) ** 2 - LOCAL_SHARE**2))
-# of a patient, of whom nobody knows whose study holds
+# of a patient, for whom it is unknown which study holds
 PATIENTS_SHARE = float(np.hypot(STUDIES_SHARE, WITHIN_STUDY_SHARE))
 LOCAL_LENGTH_MM = 20.0  # over which the diploe's share, and with it the speed, changes
 TIMING_US = 0.03  # of all lags together: what is not known of the pulse and of rough boundaries

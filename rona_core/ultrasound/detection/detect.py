@@ -57,7 +57,7 @@ OUTER_FLOOR_MM = 0.008  # roughness, film and curvature spread the outer boundar
 WRONG_MM = 1.0  # an inner boundary further off is wrong; quality is the chance that it is not
 CLEARING_SHARE = 0.1  # of the time, for the fronts
 SEARCH_SHARE = 0.6  # of the time of a look
-LEARNING_SHARE = 0.5  # of the time, for a first look that tells the loss of the bone
+LEARNING_SHARE = 0.5  # of the time, for a first look that estimates the loss of the bone
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,7 +110,7 @@ def detect(
             filtered envelope, both A-scan by A-scan.
         sound_speed_mm_per_us: Mean speed in bone; thickness is proportional to it.
         bone_loss: Attenuation of the bone over the nominal one; None: learned from the survey.
-        progress: Told the share that is done.
+        progress: Receives the share that is done, 0 to 1.
         cancel: Asked between blocks of A-scans.
 
     Raises:
@@ -156,7 +156,7 @@ class _Look:
 def _learned(
     look: _Look, sound_speed_mm_per_us: float, progress: Progress, cancel: Cancel
 ) -> float | None:
-    """Return the attenuation of the bone over the nominal one; None where no echo tells it."""
+    """Return the attenuation of the bone over the nominal one; None where no echo shows it."""
     for i, loss in enumerate(FIRST_LOSSES):
         bone = nominal_bone(sound_speed_mm_per_us, loss)
         part = _part(progress, i / len(FIRST_LOSSES), (i + 1) / len(FIRST_LOSSES))
@@ -174,11 +174,11 @@ def _agreed(found: Detection, look: _Look) -> Detection:
         return found
     seen = ~np.isin(found.flag, (NO_FRONT, NO_INNER))
     found = doubted(found, refused_around(found.thickness_mm, seen, found.inner_ok, look.links))
-    return found if heard(found) else doubted(found, found.inner_ok)
+    return found if has_inner_echoes(found) else doubted(found, found.inner_ok)
 
 
-def heard(found: Detection) -> bool:
-    """Return whether a survey hears the inner boundary at all, or what it is sure of is chance."""
+def has_inner_echoes(found: Detection) -> bool:
+    """Return whether a survey has inner echoes at all, beyond those that are sure by chance."""
     return len(found) < MANY or bool(found.inner_ok.mean() >= HEARD_SHARE)
 
 
@@ -194,7 +194,7 @@ def doubted(found: Detection, which: Bools) -> Detection:
 
 
 def _part(progress: Progress, start: float, end: float) -> Progress:
-    """Return what tells the progress of a part as that of the whole."""
+    """Return a progress that reports a part as a share of the whole."""
     return lambda share: progress(start + (end - start) * share)
 
 

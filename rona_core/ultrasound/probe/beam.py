@@ -102,7 +102,7 @@ def mirror_spectrum(probe: ProbeModel) -> Complexes:
 
 HALF = 2.21509  # 2 J1(x) / x = 1/2: the echo of a plane, seen by a disc, is half as high
 GEL_MM_PER_US = 1.5
-LEAST_LEVEL = 0.01  # of a front echo over a plane's: what is lower tells nothing more
+LEAST_LEVEL = 0.01  # of a front echo over a plane's: lower ones add no evidence
 
 
 def half_echo_tilt_deg(probe: ProbeModel) -> float:

@@ -1,16 +1,16 @@
-"""The two A-mode probes: transducer, delay line, transmitter and digitiser.
+"""An A-mode probe: transducer, delay line, transmitter and digitiser.
 
 Shared by detection and by the virtual world: what a laboratory knows of its probe. The virtual
 probe adds what it does not know (``virtual.acoustics.delay_line``), and noise.
 """
 
 from dataclasses import dataclass, replace
-from typing import get_args
 
 import numpy as np
 
+from rona_core.devices.probes import PROBE_DATA
 from rona_core.devices.samples import AScanTrack
-from rona_core.devices.settings import Excitation, ProbeName, ProbeSettings, PulseShape
+from rona_core.devices.settings import Excitation, ProbeSettings, PulseShape
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats
 from rona_core.ultrasound.probe.materials import Material
@@ -33,13 +33,13 @@ class ProbeModel:
     to ``compliance_mm`` and gel fills gaps of the same size; a film of gel always remains.
     """
 
-    name: ProbeName
+    name: str
     centre_mhz: float
     aperture_radius_mm: float
     min_thickness_mm: float  # of bone that the probe resolves
     max_thickness_mm: float
-    bandwidth: float = 0.46  # full width at -6 dB over the centre frequency
-    line_length_mm: float = 15.0
+    bandwidth: float  # full width at -6 dB over the centre frequency
+    line_length_mm: float
     line: Material = AQUALENE
     crystal_reflection: float = 0.25  # of an echo that returns to the transducer
     compliance_mm: float = 2.0
@@ -94,8 +94,16 @@ class ProbeModel:
 
 
 PROBES = {
-    "2.25MHz": ProbeModel("2.25MHz", 2.25, 3.175, min_thickness_mm=2.0, max_thickness_mm=12.0),
-    "1MHz": ProbeModel("1MHz", 1.0, 6.35, min_thickness_mm=4.0, max_thickness_mm=14.0),
+    name: ProbeModel(
+        name,
+        data.centre_mhz,
+        data.aperture_radius_mm,
+        data.min_thickness_mm,
+        data.max_thickness_mm,
+        data.bandwidth,
+        data.line_length_mm,
+    )
+    for name, data in PROBE_DATA.items()
 }
 
 
@@ -110,7 +118,7 @@ def probe_model(probe: str | ProbeSettings) -> ProbeModel:
     """
     name = probe if isinstance(probe, str) else probe.name
     if name not in PROBES:
-        raise InvalidInputError(f"probe must be one of {', '.join(get_args(ProbeName))}: {name!r}")
+        raise InvalidInputError(f"probe must be one of {', '.join(PROBES)}: {name!r}")
     if isinstance(probe, str):
         return PROBES[name]
     aperture_radius_mm = None if probe.aperture_mm is None else probe.aperture_mm / 2.0

@@ -38,7 +38,7 @@ class Band:
 
     @property
     def length_us(self) -> float:
-        """Return the time that two echoes must be apart to be told apart."""
+        """Return the time that two echoes must be apart to be resolved."""
         return 1.0 / self.width_mhz
 
     def response(self, frequencies_mhz: Floats) -> Floats:
@@ -67,7 +67,7 @@ def find_band(
         rf: Lines (n, samples).
         clipped: Samples (n, samples) at a limit of the converter.
         sampling_mhz: Of the lines.
-        prior_mhz: Nominal centre frequency, where somebody knows it.
+        prior_mhz: Nominal centre frequency, where it is known.
         emitting: Whether the lines are known to begin with the emission.
 
     Raises:
@@ -179,7 +179,7 @@ def analytic(rf: Floats, sampling_mhz: float, band: Band) -> Complexes:
 def noise_rms(envelope: Floats, zero: int = 0, length: float = 0.0) -> Floats:
     """Return the rms (n,) of the noise within the band, of lines with these envelopes (n, samples).
 
-    It is told by the quietest quarter of a line, or by what comes before the front if that is less.
+    It is that of the quietest quarter of a line, or of what comes before the front if that is less.
 
     Args:
         envelope: Of the lines.

@@ -60,8 +60,6 @@ class RecordedDetection:
     thickness_mm: Floats  # 0 where not ok
     ok: Bools
     flag: Ints  # 0 ok, 1 no front, 2 no back wall, 3 unsure, 4 the record begins or ends in an echo
-    front_level: Floats  # over the mean front
-    likeness: Floats  # correlation of the back echo with the mean one, -1 to 1
     sigma_mm: Floats  # predicted from the noise; 0 where not ok
     clipped: Bools  # lines with samples at a limit of the converter
     centre_mhz: float
@@ -88,7 +86,7 @@ def detect_recorded(
         recorded: Lines from a file.
         sound_speed_mm_per_us: In the plate; thickness is proportional to it.
         prior_mhz: Nominal frequency of the probe, where it is known.
-        progress: Told the share that is done.
+        progress: Receives the share that is done, 0 to 1.
         cancel: Asked between steps.
 
     Raises:
@@ -219,8 +217,6 @@ def _judged(
         thickness_mm=readonly(lag * speed / 2.0),
         ok=readonly(ok),
         flag=readonly(flag.astype(np.int64)),
-        front_level=readonly(front.aligned.level.copy()),
-        likeness=readonly(nothing if back is None else back.correlation.copy()),
         sigma_mm=readonly(sigma),
         clipped=readonly(found.cut),
         centre_mhz=band.centre_mhz,

@@ -14,7 +14,7 @@ from rona_core.geometry.robust import mad_sigma, reweighted_least_squares
 from rona_core.ultrasound.recorded.band import Band
 from rona_core.ultrasound.recorded.echo_tracks import Track
 
-MOVES_US = 0.05  # of the front; less tells nothing about what moves with it
+MOVES_US = 0.05  # of the front; less does not show what moves with it
 TURNED = 0.12  # how near a slope is to that of an echo that has nothing to do with the plate
 LEFT = 0.4  # of an echo's own scatter, when its movement with the front is taken away
 AT_FRONT_US = 0.25  # how near a multiple between front and probe is to its time

@@ -21,20 +21,20 @@ class TrueLine:
     """A delay line during one capture.
 
     Attributes:
-        probe: The probe as it is at the beginning: what is told of it, its line as warm as it is,
+        probe: The probe at the beginning: its stated values, its line at its temperature,
             its crystal as old.
         varies: Whether the line's speed changes in the course of the capture, or under pressure.
     """
 
-    def __init__(self, told: ProbeModel, told_c: float, world: World) -> None:
-        """Begin a capture at the temperature that is told and what the world adds to it."""
-        self._rise_k = told_c + world.line_excess_k - ROOM_C
-        self._told, self._drift_k = told, world.line_drift_k
+    def __init__(self, stated: ProbeModel, stated_c: float, world: World) -> None:
+        """Begin a capture at the stated temperature and what the world adds to it."""
+        self._rise_k = stated_c + world.line_excess_k - ROOM_C
+        self._stated, self._drift_k = stated, world.line_drift_k
         self._strain_share = world.line_strain_share
         self.probe = replace(
-            told,
-            line=warmed(told.line, self._rise_k),
-            centre_mhz=told.centre_mhz * (1.0 - world.pulse_loss),
+            stated,
+            line=warmed(stated.line, self._rise_k),
+            centre_mhz=stated.centre_mhz * (1.0 - world.pulse_loss),
         )
         self.varies = bool(self._drift_k or self._strain_share)
 
@@ -45,7 +45,7 @@ class TrueLine:
             times_s: Since the beginning of the capture (n,).
             pressed_mm: By which the line is compressed (n,).
         """
-        length = self._told.line_length_mm
+        length = self._stated.line_length_mm
         warming_k = self._drift_k * (1.0 - np.exp(-times_s / WARMING_S))
         strain = np.clip(pressed_mm / length, 0.0, None)
         before = self.probe.line.speed_mm_per_us

@@ -49,7 +49,7 @@ class EchoModel:
             excitation: What is sent.
             medium: Gel and bone.
             seed: Of the texture of the bone.
-            true: The probe as it really is, where line or crystal are not as they are told.
+            true: The true probe, where line or crystal differ from their stated values.
             gain: Of the receiver; None: as it is set on nominal bone.
             exact: Count the layers with 53 bits instead of 24: the reference, and slower.
         """

@@ -80,7 +80,7 @@ class VirtualProbe:
     def begin(self, settings: ProbeSettings, seed: int, ordinal: int) -> None:
         """Configure the probe for capture number ``ordinal`` of a session with this seed."""
         self._ordinal = ordinal
-        self._pending: list[float] = []  # times of the firings that nobody has collected
+        self._pending: list[float] = []  # times of the firings that were not collected yet
         if self._prepared != (settings, seed):
             self._prepare(settings, seed)
             self._prepared = settings, seed

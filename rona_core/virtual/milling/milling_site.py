@@ -85,7 +85,7 @@ class VirtualMillingSite:
         return ForceReading(mean, sigma)
 
     def drive(self) -> None:
-        """Drive along all that is left of the way; nobody feels a force."""
+        """Drive along the rest of the path without a force."""
         rows = slice(self._next, len(self._way))
         self.left_bone().cut_along(self._centers[rows], self._way.radii_mm[rows])
         self.least_mm += self._to_inner_mm[rows].tolist()

@@ -48,14 +48,14 @@ MAX_TILT_RAD = np.deg2rad(20.0)
 DURATION_S = (1.0, 600.0)
 CONE_DEG = (1.0, 60.0)
 HALF_TURN_DEG = (1.0, 85.0)
-BY_HAND_SPEED = 1.0  # of the clock, whatever the pace of other captures: somebody follows it live
+BY_HAND_SPEED = 1.0  # of the clock, whatever the pace of other captures: a person follows it live
 
 
 class VirtualOperator:
     """Prepares motions of the pointer named in the settings; satisfies ``devices.Operator``."""
 
     def __init__(self, scene: VirtualScene, clock: CaptureClock | None = None) -> None:
-        """Work on this scene; ``clock`` runs in real time while somebody turns by hand."""
+        """Work on this scene; ``clock`` runs in real time during a pivot by hand."""
         self._scene = scene
         self._clock = clock
         self._speeds: tuple[float | None, ...] = ()  # of the clock before it was slowed down
@@ -120,7 +120,7 @@ class VirtualOperator:
 
         Raises:
             InvalidInputError: no unit quaternion.
-            DeviceError: nobody pivots by hand.
+            DeviceError: no pivot by hand is under way.
         """
         q = as_floats(wxyz, name="wxyz")
         if q.shape != (4,) or abs(np.linalg.norm(q) - 1.0) > 1e-3:
@@ -128,7 +128,7 @@ class VirtualOperator:
         turn_base = Pose.from_wxyz(q).rotation
         motion = self._motion
         if not isinstance(motion, ManualPivot) or motion.ended:
-            raise DeviceError("nobody pivots the pointer by hand: start StartPointerCapture so")
+            raise DeviceError("no pivot by hand is under way: start StartPointerCapture by hand")
         motion.turn(turn_base)
 
     def finish(self) -> None:
@@ -138,7 +138,7 @@ class VirtualOperator:
         self._at_usual_speed()
 
     def in_hand(self) -> bool:
-        """Return whether somebody pivots the pointer by hand and has not finished."""
+        """Return whether a pivot by hand is under way."""
         return isinstance(self._motion, ManualPivot) and not self._motion.ended
 
     def sweep(self, *, duration_s: float) -> float:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rona_core.devices.settings import require
+from rona_core.devices.limits import require
 from rona_core.devices.wrench import JR3
 from rona_core.geometry.arrays import Floats
 from rona_core.virtual.acoustics.delay_line import LINE_N_PER_MM

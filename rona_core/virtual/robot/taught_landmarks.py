@@ -13,7 +13,7 @@ from rona_core.virtual.pointer_motion import cross
 from rona_core.virtual.scene import VirtualScene
 
 SEAT_SD_MM = 0.04  # per axis: how the tip sits in a divot
-LEANS_DEG = (0.0, 20.0, 40.0)  # of the tool from upright, that somebody tries
+LEANS_DEG = (0.0, 20.0, 40.0)  # of the tool from upright, that the operator tries
 TURNS = 12  # about its axis, and of the lean
 FIRST_KEY = 1000  # of the motions by hand; others count from 0
 LEAST = 3

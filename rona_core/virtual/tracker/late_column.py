@@ -1,4 +1,4 @@
-"""Samples of one tool that are worked out when somebody asks: captures look at few of the tools."""
+"""Samples of one tool, computed on access: captures look at few of the tools."""
 
 from collections.abc import Callable
 
@@ -6,7 +6,7 @@ from rona_core.devices.samples import ToolColumn
 
 
 class LateColumn:
-    """The samples of one tool in n frames, worked out once, when the first is asked for."""
+    """The samples of one tool in n frames, computed once, on first access."""
 
     __slots__ = ("_column", "_compute")
 

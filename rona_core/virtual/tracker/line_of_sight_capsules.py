@@ -48,7 +48,7 @@ def link_capsules(model: RobotModel) -> LinkCapsules:
     """Return the capsules of a robot and its tool, without the marker plate.
 
     Raises:
-        InvalidInputError: nobody has measured an arm of this build.
+        InvalidInputError: there is no collision geometry for an arm of this build.
     """
     links, starts, ends, radii = zip(*_arm_parts(model), *_tool_parts(model), strict=True)
     return LinkCapsules(

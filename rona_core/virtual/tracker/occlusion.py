@@ -27,7 +27,7 @@ Sight = Callable[[str, Poses], Bools]
 
 
 class LinesOfSight:
-    """Tells which markers of a tool both cameras see."""
+    """Visibility of the markers of a tool by both cameras."""
 
     def __init__(
         self, scene: VirtualScene, model: RobotModel, qs_at: Callable[[Floats], Floats]
@@ -42,7 +42,7 @@ class LinesOfSight:
         return self.at(times_s)(tool, Ts_tracker_marker)
 
     def at(self, times_s: Floats) -> Sight:
-        """Return what tells the same of any tool, for where the robot is at times (n,)."""
+        """Return the same for any tool, for the robot's places at times (n,)."""
         qs_rad = self._qs_at(times_s)
         if _at_rest(qs_rad):
             qs_rad = qs_rad[:1]
@@ -56,7 +56,7 @@ class LinesOfSight:
             Ts = Ts.select(slice(0, 1))
         starts, ends = self._rays(tool, Ts)
         hidden = self._hidden_by_head(starts, ends)
-        if tool not in ("toolmarker", "basemarker", "headmarker"):  # these are in nobody's hand
+        if tool not in ("toolmarker", "basemarker", "headmarker"):  # these are not held by hand
             hidden |= segments_hit(starts, ends, hand_capsule(tool, Ts))
         T_base_tracker = self._scene.T_base_tracker
         hidden = hidden | segments_hit(

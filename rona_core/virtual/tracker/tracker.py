@@ -1,7 +1,7 @@
 """Virtual optical tracker: true markers, measured with errors, fitted to known tools.
 
 Frames are measured in blocks wherever the motion is laid out beforehand. A block begins at a
-multiple of its length, whoever asks for a frame of it and when, so that the pace of a capture
+multiple of its length, independent of which frame is read and when, so that the pace of a capture
 changes no bit of what is measured.
 """
 
@@ -43,7 +43,7 @@ class TrackedWorld(Protocol):
         ...
 
     def sight(self, times_s: Floats) -> Sight:
-        """Return what tells which markers nothing hides at times (n,), whatever happens later."""
+        """Return the visibility of markers at times (n,), whatever happens later."""
         ...
 
     def motion_key(self) -> Hashable | None:

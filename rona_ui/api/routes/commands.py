@@ -2,12 +2,11 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, fields
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Body
 
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.procedure import IMPLANT, PROCEDURE, SPARED
 from rona_core.app.runtime.session_step import Redo, Undo
 from rona_core.app.runtime.workbench import Workbench
 from rona_ui.api.bodies import BodyRoute, body_bytes
@@ -38,40 +37,6 @@ def body_of(kind: Any) -> Any:
     )
     body = Body(default_factory=kind) if optional else Body()
     return Annotated[kind, EXACT, body]
-
-
-@dataclass(frozen=True, slots=True)
-class Part:
-    """One message of the procedure."""
-
-    step: str
-    message: str
-    kind: Literal["commands", "jobs"]  # which address takes it
-    may_be_left_out: bool  # the procedure is complete without it
-
-
-@dataclass(frozen=True, slots=True)
-class Procedure:
-    """Messages that lead from the set-up to the end, in their order."""
-
-    messages: tuple[Part, ...]
-
-
-@router.get("/procedure")
-def procedure() -> Procedure:
-    """List the messages of the whole procedure after set-up: those that `rona demo` sends."""
-    return Procedure(
-        tuple(
-            Part(
-                REGISTRY.shown_in(name) or step,
-                name,
-                "commands" if name in REGISTRY.command_types else "jobs",
-                step in SPARED,
-            )
-            for step, message in PROCEDURE + IMPLANT
-            for name in (type(message).__name__,)
-        )
-    )
 
 
 @router.post("/sessions/{session_id}/undo")

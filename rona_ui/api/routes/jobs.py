@@ -12,11 +12,13 @@ from rona_core.app.runtime.jobs import JobState, JobStatus
 from rona_core.app.runtime.recompute import Replay
 from rona_core.app.runtime.session_step import StartReplay
 from rona_core.app.runtime.workbench import Workbench
+from rona_core.app.steps.maps.comparison import MapComparison
 from rona_core.errors import NotFoundError
 from rona_ui.api.bodies import BodyRoute
 from rona_ui.api.context import PREFIX, Bench, Open, Sessions
 from rona_ui.api.problems import JobFinishedError
 from rona_ui.api.routes.commands import body_of, declared_routes
+from rona_ui.api.routes.maps import ComparisonInfo, comparison_info
 from rona_ui.api.streams import ALIVE, DESCRIBED, EventStream, Streams, event
 
 router = APIRouter(route_class=BodyRoute, tags=["jobs"])
@@ -36,7 +38,7 @@ class JobInfo:
     error_code: str | None
     error: str | None
     revision: int | None  # of the session, once the outcome is stored
-    result: Replay | None  # what `StartReplay` found, once it is done
+    result: Replay | ComparisonInfo | None  # what `StartReplay` or `StartComparison` found
     time_left_s: float | None  # an estimate; null while nobody knows
 
 
@@ -44,6 +46,8 @@ def job_info(bench: Workbench, status: JobStatus) -> JobInfo:
     """Return how a job stands, with its session."""
     held = {field.name: getattr(status, field.name) for field in fields(status)}
     del held["started_s"]  # of a clock that only this process has
+    if isinstance(status.result, MapComparison):
+        held["result"] = comparison_info(status.result)
     left_s = status.time_left_s(time.monotonic())
     return JobInfo(session=bench.session.id, finished=status.finished, time_left_s=left_s, **held)
 

@@ -1,28 +1,22 @@
-"""What step 9 made: files for other programs, the echo volume, a comparison, and draws."""
+"""What step 9 made: files for other programs, the echo volume, a comparison, draws."""
 
 import io
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from fastapi import APIRouter, Depends, Path, Query, Request, Response
-from starlette.concurrency import run_in_threadpool
+from fastapi import APIRouter, Path, Query, Response
 
-from rona_core.app.runtime.saving.session_files import MAX_UPLOAD_BYTES
+from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.steps.maps.accuracy import MOST_DRAWS, drawn_maps
 from rona_core.app.steps.maps.comparison import (
     ErrorFigures,
     MapComparison,
-    Registration,
-    compare_maps,
     compare_with_truth,
 )
-from rona_core.app.steps.maps.export import NAMES, export_maps
 from rona_core.app.steps.maps.volume import volume_file
-from rona_core.errors import InvalidInputError
 from rona_ui.api.bodies import BodyRoute
-from rona_ui.api.context import Bench, Sessions
-from rona_ui.api.file_body import RAW_BODY, FileName, spooled
+from rona_ui.api.context import Bench
 
 router = APIRouter(route_class=BodyRoute, tags=["results"])
 
@@ -33,19 +27,27 @@ def _file(of: str) -> dict[int | str, dict[str, Any]]:
     return {200: {"content": {OCTETS: {}}, "description": f"The {of} file"}}
 
 
-ExportName = Annotated[str, Path(description=f"one of {', '.join(NAMES)}")]
+ExportName = Annotated[
+    str,
+    Path(
+        description="; ".join(f"`{one.name}`: {one.says}" for one in REGISTRY.exports.values()),
+        json_schema_extra={"enum": list(REGISTRY.exports)},
+    ),
+]
 
 
 @router.get(
     "/sessions/{session_id}/export/{name}", response_class=Response, responses=_file("exported")
 )
 def get_export(bench: Bench, name: ExportName) -> Response:
-    """Download a file of the robot's maps for another program; `maps.zip` holds all of them.
+    """Download a file of the maps or of the implant bed for another program.
 
-    Places are in `base`, in mm. Refused while there are no maps, or while they are stale.
+    Places are in `base`, in mm; the milling path is in `bed`. Refused while the result that it is
+    made of is missing or stale, where the bed does not lie wholly in the maps, and a motion of the
+    robot while it is not certified.
     """
     headers = {"Content-Disposition": f'attachment; filename="{name}"'}
-    return Response(export_maps(bench.session, name), media_type=OCTETS, headers=headers)
+    return Response(REGISTRY.export(bench.session, name), media_type=OCTETS, headers=headers)
 
 
 DepthStep = Annotated[float, Query(ge=0.1, le=1.0, description="height of a voxel")]
@@ -98,76 +100,11 @@ def get_comparison_with_truth(bench: Bench) -> ComparisonInfo:
 
     Refused while there are no maps, while they are stale, and with real devices.
     """
-    return _info(compare_with_truth(bench.session, bench.map_errors()))
+    return comparison_info(compare_with_truth(bench.session, bench.map_errors()))
 
 
-Points = Annotated[str, Query(description="`x,y,z` in mm, points apart by `;`", max_length=10_000)]
-
-
-@dataclass(frozen=True, slots=True)
-class ReferenceOptions:
-    """How a reference is read and where it is laid."""
-
-    how: Registration
-    pairs: tuple[list[list[float]], list[list[float]]] | None
-    threshold: float | None
-
-
-def reference_options(
-    register: Registration = "none",
-    points_reference: Points = "",
-    points_base: Points = "",
-    threshold: float | None = None,
-) -> ReferenceOptions:
-    """Return the options of a request."""
-    named = bool(points_reference or points_base)
-    pairs = (_points(points_reference), _points(points_base)) if named else None
-    return ReferenceOptions(register, pairs, threshold)
-
-
-@router.post(
-    "/sessions/{session_id}/maps/comparison",
-    openapi_extra=RAW_BODY,
-    max_body_size=MAX_UPLOAD_BYTES,
-)
-async def compare_with_reference(
-    hub: Sessions,
-    bench: Bench,
-    request: Request,
-    name: FileName,
-    options: Annotated[ReferenceOptions, Depends(reference_options)],
-) -> ComparisonInfo:
-    """Compare the robot's maps with the reference that is the body; nothing of it is kept.
-
-    A mesh (STL, PLY, OBJ, mm; closed: both tables, open: the outer one), a mask or a CT (NRRD,
-    NIfTI; of a CT what has `threshold` or more is bone), or a session file. With
-    `register` `points` or `both`, `points_reference` and `points_base` name three points or more.
-    """
-    async with spooled(request, hub.files.uploads) as body:
-        data = await run_in_threadpool(body.read_bytes)
-    found = await run_in_threadpool(
-        compare_maps,
-        bench.session,
-        data,
-        name,
-        options.how,
-        options.pairs,
-        options.threshold,
-    )
-    return _info(found)
-
-
-def _points(text: str) -> list[list[float]]:
-    try:
-        points = [[float(x) for x in point.split(",")] for point in text.split(";")]
-    except ValueError:
-        points = []
-    if not points or any(len(point) != 3 for point in points):
-        raise InvalidInputError(f"expected points as x,y,z;x,y,z;… in mm, got {text[:60]!r}")
-    return points
-
-
-def _info(found: MapComparison) -> ComparisonInfo:
+def comparison_info(found: MapComparison) -> ComparisonInfo:
+    """Return the figures of a comparison, and how its reference was laid."""
     place = found.place
     if place is None:
         return ComparisonInfo(found.name, found.figures, None)

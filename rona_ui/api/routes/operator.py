@@ -1,16 +1,11 @@
 """Virtual operator: pivots the hand-held pointer by REST, as the mouse does in the page."""
 
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass
 from typing import Annotated, ClassVar
 
 from fastapi import APIRouter, Body
 
-from rona_core.devices.limits import (
-    UNIT_QUATERNION,
-    limited,
-    require_limits,
-    require_unit,
-)
+from rona_core.devices.limits import quaternion, require_limits, require_unit
 from rona_core.devices.settings import STRICT
 from rona_ui.api.bodies import BodyRoute
 from rona_ui.api.context import EXACT, Bench
@@ -25,7 +20,7 @@ class PointerTurn:
     """Rotation of the pointer about its tip, relative to the start, along the axes of the base."""
 
     __pydantic_config__: ClassVar = STRICT
-    wxyz: tuple[float, float, float, float] = limited(**UNIT_QUATERNION)
+    wxyz: tuple[float, float, float, float] = quaternion(MISSING, "Rotation")
 
     def __post_init__(self) -> None:
         require_limits(self)

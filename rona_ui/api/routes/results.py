@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable
+from itertools import chain
 from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Query, Response
@@ -60,6 +61,8 @@ PARTS: dict[str, Callable[[Session, str], Any]] = {
     "probe_advice": lambda session, step: probe_advice(session) if step == "maps" else None,
     "verification": lambda session, step: landmark_report(session) if step == "scan" else None,
     "reference_gain": lambda session, step: reference_gain(session) if step == "maps" else None,
+    "painted": lambda session, step: session.painted if step == "path" else None,
+    "path_edits": lambda session, step: session.path_edits if step == "smoothing" else None,
     "boundary_edits": lambda session, step: session.boundary_edits if step == "maps" else None,
     "accuracy": lambda session, step: map_accuracy(session) if step == "maps" else None,
     "sono_accuracy": lambda session, step: (
@@ -88,6 +91,8 @@ def get_results(bench: Bench, step: str, max_points: MaxPoints = None) -> FastJs
     `reference_gain` proposes places for a caliper and says what they gain; `verification` of the
     scan tells whether tracker, pointer and robot agree on the landmarks. `acoustics`, beside the
     steps of the procedure, has the delay line, the speed of sound and what other probes would do.
+    `version` is that of the program that made a result. `painted` has the regions painted for the
+    path, `path_edits` and `boundary_edits` what was changed by hand.
     """
     _require_step(step)
     content = {name: make(bench.session, step) for name, make in PARTS.items()}
@@ -109,8 +114,12 @@ def get_array(bench: Bench, step: str, at: Pointer) -> Response:
 
 
 def _require_step(step: str) -> None:
-    if step not in REGISTRY.listed:
-        raise NotFoundError(f"there is no step {step!r}: it is one of {', '.join(REGISTRY.listed)}")
+    if step in REGISTRY.listed:
+        return
+    owner = next((s for s in REGISTRY.listed if step in chain(*REGISTRY.parts_of(s))), None)
+    if owner is not None:
+        raise NotFoundError(f"{step!r} is no step: it is in the results of step {owner!r}")
+    raise NotFoundError(f"there is no step {step!r}: it is one of {', '.join(REGISTRY.listed)}")
 
 
 def _capture(name: str, session: Session) -> dict[str, Any]:
@@ -168,13 +177,14 @@ class FrameInfo:
     """One transform: the pose of frame `child` in frame `parent`.
 
     `sigma_mm` and `sigma_deg` are predicted errors (that of `T_base_tracker` at the skull), null
-    for nominal and live ones; `time_utc` says when it was made, null for those.
+    for nominal, live and chosen ones (`map`, `bed`); `time_utc` says when it was made, null for
+    nominal and live ones.
     """
 
     name: str
     parent: str
     child: str
-    source: str  # the step that made it, "tool, base marker", "robot" (nominal) or "live"
+    source: str  # the step that made it and by what, "robot" (nominal) or "live"
     wxyz: list[float]
     translation_mm: list[float]
     stale: bool

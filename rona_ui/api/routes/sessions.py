@@ -11,10 +11,10 @@ from rona_core.app.runtime.saving.export_captures import export_recording
 from rona_core.app.runtime.saving.session_files import FILE_NAME, MAX_UPLOAD_BYTES
 from rona_core.app.runtime.session_registry import SessionRegistry
 from rona_core.app.runtime.workbench import Workbench
-from rona_core.devices.limits import limited, require_limits
+from rona_core.devices.limits import like, limited, require_limits
 from rona_core.devices.settings import STRICT
 from rona_core.errors import NotFoundError
-from rona_core.session.document import SEED, TITLE
+from rona_core.session.document import TITLE, Setup
 from rona_core.session.files import SUFFIX, session_bytes
 from rona_ui.api.bodies import BodyRoute
 from rona_ui.api.context import EXACT, PREFIX, Bench, SessionId, Sessions
@@ -46,7 +46,7 @@ class NewSession:
 
     __pydantic_config__: ClassVar = STRICT
     name: str = limited("untitled", **TITLE)
-    seed: int = limited(0, **SEED)
+    seed: int = like(Setup, "seed")
 
     def __post_init__(self) -> None:
         require_limits(self)
@@ -229,7 +229,8 @@ async def upload_specimen(
     """Store the body as a file for an import.
 
     A mask, CT volume or mesh for `StartSkullImport`, a recording for `StartRecordingImport`, the
-    poses of a pivot or the markers of a tool for `StartPivotImport`.
+    poses of a pivot or the markers of a tool for `StartPivotImport`, a reference for
+    `StartComparison`.
     """
     async with spooled(request, hub.files.uploads) as body:
         size_bytes = body.stat().st_size

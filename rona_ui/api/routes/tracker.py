@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import AsyncIterator
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass
 from typing import Annotated, Any, ClassVar
 from weakref import WeakSet
 
@@ -11,13 +11,7 @@ from starlette.concurrency import run_in_threadpool
 
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.setup.messages import SetToolVisible, SetTracker
-from rona_core.devices.limits import (
-    PLACE,
-    UNIT_QUATERNION,
-    limited,
-    require_limits,
-    require_unit,
-)
+from rona_core.devices.limits import PLACE_MM, number, quaternion, require_limits, require_unit
 from rona_core.devices.live import LiveTracker, live_tracker_of
 from rona_core.devices.samples import TrackerFrame
 from rona_core.devices.settings import STRICT, TOOLS, TrackerSettings
@@ -48,8 +42,10 @@ class ToolPose:
     """Pose of a tool's marker in the frame of the tracker."""
 
     __pydantic_config__: ClassVar = STRICT
-    wxyz: tuple[float, float, float, float] = limited(**UNIT_QUATERNION)
-    translation_mm: tuple[float, float, float] = limited(**PLACE)
+    wxyz: tuple[float, float, float, float] = quaternion(MISSING, "Rotation")
+    translation_mm: tuple[float, float, float] = number(
+        MISSING, "Position", "mm", *PLACE_MM, 1.0, hint="Of the marker"
+    )
 
     def __post_init__(self) -> None:
         require_limits(self)

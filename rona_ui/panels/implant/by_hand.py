@@ -9,12 +9,11 @@ from rona_core.app.steps.implant.messages import PlaceBed
 from rona_core.app.steps.implant.view import placed_turns
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
-from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
+from rona_ui.panels.widgets.panel_context import PanelContext, on_click
 from rona_ui.presentation.snapshot import Snapshot, changed
 
 EXPLANATION = "Moves, turns and tilts the bed. The verdict follows when a slider rests."
 HELP = "Click the skull, or drag on it: the bed follows, and its verdict. Drag beside it to rotate."
-REACH_MM = 60.0  # no region is larger; once there are maps, they say
 ASKED = ("implant", "limit_mm", "probability", "burr_mm")  # of the fields above
 
 
@@ -24,7 +23,7 @@ class ByHandFolder:
     def __init__(self, gui: Any, context: PanelContext, asked: Form) -> None:
         self._context, self._asked = context, asked
         self._sent: dict[str, Any] = {}
-        self._form = form = Form(gui)
+        self._form = form = Form(gui, lambda _, e: context.send_debounced("bed", self.message, e))
         self._window = gui.add_folder("Place by hand", visible=False, expand_by_default=False)
         with self._window:
             gui.add_html(style.text(EXPLANATION))
@@ -33,19 +32,11 @@ class ByHandFolder:
             self._help = gui.add_html("")
             self._done = context.view_button(gui, "Done", "check", drawing=None, move_target=None)
             self._across = {
-                name: form.slider(name, label, 0.0, -REACH_MM, REACH_MM, 0.5)
-                for name, label in (("u_mm", "Along u (mm)"), ("v_mm", "Along v (mm)"))
+                name: form.slider(PlaceBed, name, **{name: 0.0}) for name in ("u_mm", "v_mm")
             }
-            sliders = (
-                *self._across.values(),
-                form.slider("angle_deg", "Angle (deg)", 0.0, -180.0, 180.0, 1.0),
-                form.slider("tilt_x_deg", "Tilt about x (deg)", 0.0, -15.0, 15.0, 0.5),
-                form.slider("tilt_y_deg", "Tilt about y (deg)", 0.0, -15.0, 15.0, 0.5),
-                form.slider("lift_mm", "Lift by hand (mm)", 0.0, 0.0, 4.0, 0.25),
-            )
+            for name in ("angle_deg", "tilt_x_deg", "tilt_y_deg", "lift_mm"):
+                form.slider(PlaceBed, name)
         on_click(self._move, self._begin)
-        for slider in sliders:
-            on_change(slider, lambda e: context.send_debounced("bed", self.message, e))
 
     def _begin(self, event: Any) -> None:
         self._context.set_view(drawing="implant", move_target=None)

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from rona_core.app.steps.implant.export import MOTIONS, NAMES, offered
+from rona_core.app.steps.implant.export import EXPORTS, MOTIONS, offered
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext, on_click
 from rona_ui.presentation.snapshot import Snapshot
@@ -21,10 +21,10 @@ class BedExportFolder:
         self._window = gui.add_folder("Export", visible=False, expand_by_default=False)
         with self._window:
             gui.add_html(style.text(EXPLANATION))
-            without = tuple(name for name in NAMES if name not in MOTIONS)
+            without = tuple(one.name for one in EXPORTS if one.name not in MOTIONS)
             self._file = file = gui.add_dropdown("File", without)
             button = gui.add_button("Download bed", icon="download", color="gray")
-        on_click(button, lambda e: context.service(f"export-bed:{file.value}", e, None))
+        on_click(button, lambda e: context.service(f"export:{file.value}", e, None))
 
     def render(self, new: Snapshot) -> None:
         """Offer files where there is a bed that can be milled."""

@@ -1,11 +1,10 @@
 """Step 10: the bed of an implant is searched or laid by hand; verdict, figures, milling path."""
 
 from dataclasses import replace
-from typing import Any, get_args
+from typing import Any
 
-from rona_core.app.steps.implant.derivation import BURRS_MM
 from rona_core.app.steps.implant.implant_bed import ImplantBed
-from rona_core.app.steps.implant.messages import ImplantName, StartBedSearch
+from rona_core.app.steps.implant.messages import StartBedSearch
 from rona_core.app.steps.implant.view import MillingView
 from rona_core.app.steps.maps.view import layers_of
 from rona_ui.panels.implant.burr import BurrFields
@@ -22,14 +21,6 @@ from rona_ui.presentation.colors import MILLING_COLORS, css
 from rona_ui.presentation.shown import map_errors, map_sigma, opens_window, shown_maps
 from rona_ui.presentation.snapshot import Snapshot, changed
 
-LIFTS: dict[str, float | None] = {
-    "Smallest that is safe": None,
-    **{f"{mm} mm": float(mm) for mm in range(5)},
-}
-BURRS: dict[str, float | None] = {
-    "Largest that fits": None,
-    **{f"{mm:g} mm": mm for mm in BURRS_MM},
-}
 SHOWN = {
     "Implant in the bone": ("implant", "bed"),
     "Milling path": ("milling",),
@@ -63,7 +54,7 @@ class ImplantPanel(StepPanel):
             with self._figures:
                 self._tables = gui.add_html("")
             with gui.add_folder("Advanced", expand_by_default=False):
-                self.form.choice("burr_mm", "Burr diameter", BURRS, None, "A ball")
+                self.form.of(StartBedSearch, "burr_mm")
             self._export = BedExportFolder(gui, context)
         on_change(self._shown, lambda e: self._show(SHOWN[e.target.value]))
         on_change(self._window, lambda e: context.set_view(skull_window=e.target.value))
@@ -71,21 +62,7 @@ class ImplantPanel(StepPanel):
     def build(self) -> None:
         """Add what is asked of the bed."""
         self._burr = BurrFields(self.gui, self.context)
-        names = {name: name for name in get_args(ImplantName)}
-        self.form.choice("implant", "Implant", names, "BCI 602")
-        self.form.choice("lift_mm", "Lift", LIFTS, None, "Spacer that raises the implant")
-        self.form.number(
-            "limit_mm", "Bone below (mm)", 1.0, 0.0, 10.0, 0.1, "That must be left everywhere"
-        )
-        self.form.number(
-            "probability",
-            "Probability",
-            0.99,
-            0.5,
-            0.9999,
-            0.01,
-            "Of that bone, and of enough bone for each screw",
-        )
+        self.form.of(StartBedSearch, "implant", "lift_mm", "limit_mm", "probability")
 
     def _show(self, names: tuple[str, ...]) -> None:
         hide = BED_LAYERS - set(names)
@@ -107,7 +84,7 @@ class ImplantPanel(StepPanel):
         self._window.visible = held is not None and not new.view.shows("chance")
         if changed(old, new, "view.skull_window"):
             self._window.value = new.view.skull_window
-        if changed(old, new, "session", "view", "static_scene", "truth"):
+        if changed(old, new, "session", "view", "static_scene", "compared", "truth"):
             self._key.content = "" if held is None else _key(new)
         self._figures.visible = held is not None and held.value.placed is not None
         if changed(old, new, "session.results", "milling"):

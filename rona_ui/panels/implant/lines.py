@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from rona_core.app.dependencies.requirements import blocked_reason
+from rona_core.app.dependencies.judge import blocked
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.implant.bed_lines import BedLines, lines_verdict
 from rona_core.app.steps.implant.messages import StartBedLines
@@ -42,9 +42,7 @@ class LinesFolder:
             return
         found = _fresh(new.session)
         self._rows = () if found is None else found.rows
-        self._find.disabled = (
-            bool(new.busy) or blocked_reason(StartBedLines, new.session) is not None
-        )
+        self._find.disabled = bool(new.busy) or blocked(StartBedLines, new.session) is not None
         self._plan.disabled = bool(new.busy) or not self._rows
         self._words.content = "" if found is None else style.note(lines_verdict(found))
 

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from rona_core.app.dependencies.requirements import blocked_reason
+from rona_core.app.dependencies.judge import blocked
 from rona_core.app.steps.implant.messages import PlanMilling, RehearseMilling
 from rona_core.app.steps.implant.milling_motion import milling_stale
 from rona_core.app.steps.implant.milling_plan import MillingPlan, milling_verdict
@@ -44,7 +44,7 @@ class MillingFolder:
         if not changed(old, new, "session", "busy"):
             return
         for button, message in ((self._button, PlanMilling), (self._rehearse, RehearseMilling)):
-            button.disabled = bool(new.busy) or blocked_reason(message, new.session) is not None
+            button.disabled = bool(new.busy) or blocked(message, new.session) is not None
         self._planned.content = _plan_note(new.session)
         self._rehearsed.content = _rehearsal_note(new.session)
 

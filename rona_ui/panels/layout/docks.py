@@ -111,7 +111,7 @@ class Docks:
         sheet = (static_dir() / "docks.css").read_text("utf-8")
         gui.add_html(f"<style>{sheet}</style>")
         step_list = StepList(gui, context)
-        panels: list[Panel] = [step_list, StepTitle(gui), TabsOfStep(gui)]
+        panels: list[Panel] = [step_list, StepTitle(gui, context), TabsOfStep(gui)]
         self._steps: dict[str, StepPanel] = {}
         self._drawn: dict[str, Snapshot] = {}  # what their fields show, of the hidden ones as well
         run_bar = RunBar(

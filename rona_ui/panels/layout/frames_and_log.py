@@ -43,7 +43,7 @@ def frames_table(rows: tuple[FrameRow, ...]) -> str:
     words = style.text(
         "T_a_b is the pose of frame b in frame a: origin and rotation vector. σ is the "
         "predicted error (of T_base_tracker: at the skull, assumed by what robot and tracker are "
-        "stated to be); nominal and live poses have none."
+        "stated to be); nominal and live poses and the planes of map and bed have none."
     )
     return f'<div class="r-log" role="list">{body}</div>{words}'
 
@@ -112,29 +112,38 @@ def _short(value: object) -> str:
 
 
 WIDTH = 340  # with room for a scroll bar at the right
-PLACES: dict[str, tuple[int, int]] = {  # centres of the boxes, in px
+PLACES: dict[str, tuple[int, int]] = {  # centres of the boxes, in px; no arrow crosses a box
     "tracker": (165, 22),
-    "basemarker": (47, 112),
-    "toolmarker": (166, 132),
-    "pointermarker": (278, 112),
-    "flange": (118, 206),
-    "base": (34, 278),
-    "probe": (112, 290),
-    "tip": (196, 290),
-    "pointertip": (284, 278),
-    "skull": (164, 344),
+    "basemarker": (56, 93),
+    "toolmarker": (163, 138),
+    "pointermarker": (270, 80),
+    "flange": (101, 188),
+    "tip": (183, 206),
+    "headmarker": (270, 220),
+    "base": (31, 234),
+    "probe": (115, 252),
+    "pointertip": (190, 268),
+    "burr": (266, 270),
+    "skull": (88, 290),
+    "bed": (24, 306),
+    "map": (66, 340),
 }
 EXPECTED = (  # what a complete session knows
     ("tracker", "basemarker"),
     ("tracker", "toolmarker"),
     ("tracker", "pointermarker"),
+    ("tracker", "headmarker"),
     ("base", "basemarker"),
+    ("base", "headmarker"),
     ("base", "tracker"),
     ("base", "flange"),
     ("flange", "toolmarker"),
     ("flange", "probe"),
     ("flange", "tip"),
     ("toolmarker", "tip"),
+    ("tip", "burr"),
+    ("base", "map"),
+    ("base", "bed"),
     ("pointermarker", "pointertip"),
 )
 INK, LIVE, STALE, FAINT = "#3e4c59", "#005b8f", "#a34700", "#9aa5b1"
@@ -146,7 +155,7 @@ LINES = {  # state of a transform -> how its line is drawn
     "unknown": f'stroke="{FAINT}" stroke-width="1" stroke-dasharray="1 4"',
 }
 HALF_HEIGHT, CHAR_PX = 11, 3.4
-FIRST_ROW_BELOW = 344
+FIRST_ROW_BELOW = 380
 
 
 def frame_picture(rows: Sequence[FrameRow]) -> str:
@@ -176,7 +185,7 @@ def _places(rows: Sequence[FrameRow]) -> dict[str, tuple[int, int]]:
     places = {name: place for name, place in PLACES.items() if name in wanted}
     others = sorted(wanted - places.keys())
     for i, name in enumerate(others):
-        places[name] = (55 + 110 * (i % 3), FIRST_ROW_BELOW + 40 * (i // 3 + ("skull" in wanted)))
+        places[name] = (55 + 110 * (i % 3), FIRST_ROW_BELOW + 40 * (i // 3))
     return places
 
 

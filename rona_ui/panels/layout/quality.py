@@ -3,9 +3,12 @@
 from typing import Any
 
 from rona_core.app.dependencies.step_states import StepState
-from rona_core.app.overview.acceptance import WORST_FIRST, QualityRow
-from rona_core.app.overview.pending_figures import pending_figures
-from rona_core.app.overview.quality_sections import quality_table
+from rona_core.app.overview.acceptance import (
+    WORST_FIRST,
+    QualityRow,
+    pending_figures,
+    quality_table,
+)
 from rona_core.app.steps.acoustics.view import thickness_shares
 from rona_core.app.steps.scan.contact_view import contact_report
 from rona_core.app.steps.tool.derivation import delay_words
@@ -62,18 +65,18 @@ def table(
     and in each section those that fail. Those of stale results are left out.
     """
     found, own = quality_table(rows), "" if active is None else active.name
-    mark = _mark(("tool", "pointer", "surface"), stale)
+    mark = _mark(not stale.isdisjoint(("tool", "pointer", "surface")))
     predicted = [row for row in found.predicted if row.step != own]
     body = _predicted_rows(session, predicted, mark)
     first: list[Pair] = [(row, None) for row in found.predicted if row.step == own]
     for part in found.sections:
         others = [pair for pair in part.rows if pair[0].step != own]
         first += [pair for pair in part.rows if pair[0].step == own]
-        words = f"{part.title}, versus ground truth{_mark(part.steps, stale)}"
+        words = f"{part.title}, versus ground truth{_mark(bool(part.left_out))}"
         if others or part.left_out:
             body += _section(words) + _rows(others) + _left_out(part.left_out)
     if active is not None and first:
-        title = f"Step {active.number}: {active.title}{_mark((own,), stale)}"
+        title = f"Step {active.number}: {active.title}{_mark(own in stale)}"
         body = _section(title) + _rows(first) + body
     if not body:
         return style.text(
@@ -114,9 +117,9 @@ def _left_out(rows: tuple[QualityRow, ...]) -> str:
     return f'<tr><td colspan="3" class="g">{escape(words)}</td></tr>'
 
 
-def _mark(steps: tuple[str, ...], stale: frozenset[str]) -> str:
-    """Return a mark for figures of steps that something earlier has changed since."""
-    if stale.isdisjoint(steps):
+def _mark(stale: bool) -> str:
+    """Return a mark for figures of results that something earlier has changed since."""
+    if not stale:
         return ""
     icon, word, color = style.STATES["stale"]
     return f' <span style="color:{color}">{icon} {word}</span>'

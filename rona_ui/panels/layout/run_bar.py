@@ -1,17 +1,20 @@
-"""The steps as a list; title of the active step, its primary button, cancel, next and continue."""
+"""The steps as a list; title of the active step, its primary button, the next stage, cancel."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
+from rona_core.app.declarations.declarations import Judgement
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.dependencies.step_states import StepState
-from rona_core.app.overview.acceptance import Judgement
+from rona_core.app.dependencies.step_states import StepState, step_judgement
+from rona_core.app.overview.acceptance import Judgement as FiguresJudgement
+from rona_core.app.procedure import Stage, next_stage
 from rona_core.app.steps.scan.messages import StartHome, StartRetract
 from rona_ui.labels import doing
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext, on_click
-from rona_ui.panels.widgets.step_panel import StepPanel, judged
+from rona_ui.panels.widgets.step_panel import JudgementNote, StepPanel, judged
 from rona_ui.presentation.shown import probe_on_bone, robot_away
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import escape
@@ -42,7 +45,7 @@ class StepList:
             self._rows[state.name].content = row(state, active, found)
 
 
-def row(state: StepState, active: bool, found: Judgement) -> str:
+def row(state: StepState, active: bool, found: FiguresJudgement) -> str:
     """Return one row of the list; figures that do not pass come before what the step made."""
     icon, word, color = style.STATES[state.state]
     reason = "" if state.reason == state.state else state.reason
@@ -61,25 +64,36 @@ def row(state: StepState, active: bool, found: Judgement) -> str:
 
 
 class StepTitle:
-    """Number and name of the active step; a warning where it is blocked or stale."""
+    """Number and name of the active step; where it is blocked or stale, why and what mends it."""
 
-    def __init__(self, gui: Any) -> None:
+    def __init__(self, gui: Any, context: PanelContext) -> None:
         self._html = gui.add_html("")
+        self._note = JudgementNote(gui, context)
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the active step and its state."""
-        if not changed(old, new, "steps", "view.step"):
+        if not changed(old, new, "steps", "view.step", "busy"):
             return
         state = new.step(new.view.step)
-        html = style.tag("div", f"Step {state.number}: {state.title}", "r-title")
+        self._html.content = style.tag("div", f"Step {state.number}: {state.title}", "r-title")
+        words = ""
         if state.state == "blocked":
-            html += style.note(f"Blocked: {state.reason}.", "warn")
+            words = f"Blocked: {state.reason}."
         elif state.state == "stale":
             again = style.sentence(state.blocked or "repeat this step")
-            html += style.note(f"Stale: {state.reason}. {again}.", "warn")
+            words = f"Stale: {state.reason}. {again}."
         elif state.state == "partial" or (state.state == "ready" and state.reason != "ready"):
-            html += style.note(f"{style.sentence(state.reason)}.", "warn")
-        self._html.content = html
+            words = f"{style.sentence(state.reason)}."
+        self._note.show(words, _mended_elsewhere(new), busy=new.busy, kind="warn")
+
+
+def _mended_elsewhere(snapshot: Snapshot) -> Judgement:
+    """Return the judgement of the active step; the primary button is remedy enough of its own."""
+    step = snapshot.view.step
+    found = step_judgement(step, snapshot.session)
+    message = None if found.remedy is None else found.remedy.message
+    own = type(message) is REGISTRY.lines[step].message
+    return replace(found, remedy=None) if own else found
 
 
 class RunBar:
@@ -95,13 +109,16 @@ class RunBar:
         """Add the buttons; ``panels`` are those that are built, ``kinds`` those of all steps."""
         self._panels, self._kinds, self._context = panels, kinds, context
         self._step, self._rests = "setup", (False, False)
-        # the step that is left, the one to be started once it is open, and who asked for it
+        self._stage: Stage | None = None  # the next one of the procedure
+        # the step that is left, the one to be started once it is open, and the click on it
         self._to_start: tuple[str, str, Any] | None = None
         self._start = gui.add_button("Start", icon="player-play")
         self._progress_words = gui.add_html("")
         self._progress = gui.add_progress_bar(0.0, visible=False)
         self._cancel = gui.add_button("Cancel", icon="player-stop", color=STOP, visible=False)
         self._continue = gui.add_button("Continue", icon="player-track-next", color=GO_ON)
+        self._offer = gui.add_html("")
+        self._skip = gui.add_button("Skip", icon="player-skip-forward", color="gray")
         self._next = gui.add_button("Next step", icon="arrow-right", color=GO_ON)
         self._back = context.send_button(
             gui, "Retract probe", "arrow-back-up", StartRetract, visible=False
@@ -115,15 +132,35 @@ class RunBar:
         }
         on_click(self._start, lambda e: context.send(panels[self._step].message, e))
         on_click(self._cancel, lambda e: context.service("cancel", e, None))
-        on_click(self._continue, lambda e: self._open_next(starts=e))
+        on_click(self._continue, self._go_on)
+        on_click(self._skip, lambda e: self._pass_over())
         on_click(self._next, lambda e: self._open_next())
 
-    def _open_next(self, starts: Any = None) -> None:
-        """Open the step behind the active one; the event ``starts`` has it started, too."""
+    def _open_next(self) -> None:
+        """Open the step behind the active one."""
         after = step_after(self._step)
         if after is not None:
-            self._to_start = None if starts is None else (self._step, after, starts)
+            self._to_start = None
             self._context.set_view(step=after, drawing=None, picks=())
+
+    def _go_on(self, event: Any) -> None:
+        """Start the next stage: the primary one of a step with its fields, once it is open."""
+        stage = self._stage
+        if stage is None:
+            return
+        if is_primary(stage):
+            self._to_start = (self._step, stage.step, event)
+        else:
+            self._context.send(lambda: stage.message, event)
+        self._context.set_view(step=stage.step, drawing=None, picks=())
+
+    def _pass_over(self) -> None:
+        """Pass over the stage that is offered, in this browser."""
+        stage = self._stage
+        if stage is not None:
+            self._context.change_view(
+                lambda view: replace(view, skipped=view.skipped | {stage.name})
+            )
 
     def _start_opened(self, step: str) -> None:
         """Start the step that is open if it was opened for that; its fields are there by now."""
@@ -161,22 +198,36 @@ class RunBar:
             self._progress.value = round(100.0 * min(max(job.progress, 0.0), 1.0), 1)
         after = step_after(step)
         self._next.visible = (done or partial) and not busy and not drawing and after is not None
-        self._continue.visible = self._next.visible and self._may_continue(new)
-        self._next.color = "gray" if partial or self._continue.visible else GO_ON
+        stage = self._stage = next_stage(new.session, new.view.skipped)
+        offers = stage is not None and not busy and not drawing and self._may_start(stage, new)
+        self._continue.visible = offers
+        self._skip.visible = offers and stage is not None and bool(stage.offered)
+        self._next.color = "gray" if partial or offers else GO_ON
         if after is not None:
             self._next.label = f"Next: {new.step(after).number} {new.step(after).title}"
-            self._continue.label = f"Continue: {self._kinds[after].start}"
+        self._offer.content = ""
+        if offers and stage is not None:
+            words = self._kinds[stage.step].start if is_primary(stage) else stage.title
+            self._continue.label = f"Continue: {words}"
+            self._skip.label = f"Skip: {stage.title}"
+            brings = f"It brings {stage.offered}. It may be skipped."
+            self._offer.content = style.text(brings) if stage.offered else ""
 
-    def _may_continue(self, new: Snapshot) -> bool:
-        """Return whether the next step may start unseen: nothing to look at, nothing to lose."""
-        after = step_after(self._step)
-        if after is None or self._kinds[after].start is None or self._kinds[after].seen_first:
+    def _may_start(self, stage: Stage, new: Snapshot) -> bool:
+        """Return whether a stage may start from the active step: nothing to look at before."""
+        if new.computing:  # the figures that may not pass are not known yet
             return False
-        if new.computing:  # what is to be judged is not known yet
+        if not stage.is_due(new.session):
             return False
+        if stage.step == self._step:
+            return not is_primary(stage)  # that has its own button
         passed = new.step(self._step).state == "done" and not judged(new, self._step).missed
-        following = new.step(after)
-        return passed and following.blocked is None and following.state not in ("done", "partial")
+        return passed and not stage.seen_first
+
+
+def is_primary(stage: Stage) -> bool:
+    """Return whether the primary button of a step does a stage."""
+    return REGISTRY.lines[stage.step].message is type(stage.message)
 
 
 def step_after(step: str) -> str | None:

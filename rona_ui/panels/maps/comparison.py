@@ -5,14 +5,9 @@ from dataclasses import replace
 from pathlib import PurePath
 from typing import Any
 
-from rona_core.app.steps.maps.comparison import (
-    TRUTH,
-    MapComparison,
-    Registration,
-    compare_maps,
-)
+from rona_core.app.steps.maps.comparison import TRUTH, MapComparison, Registration
+from rona_core.app.steps.maps.messages import StartComparison
 from rona_core.errors import InvalidInputError
-from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
 from rona_ui.presentation.shown import shown_comparison
@@ -81,7 +76,7 @@ class ComparisonFolder:
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the maps and what they are compared with."""
-        if not changed(old, new, "session.results", "view", "truth"):
+        if not changed(old, new, "session.results", "view", "compared", "truth"):
             return
         self._pairs.render(new)
         self._window.visible = new.session.results.maps is not None
@@ -141,7 +136,7 @@ class PairsFolder:
 def _off_mm(snapshot: Snapshot) -> tuple[float, ...]:
     """Return how far each point was from its partner in the comparison, if it was by these."""
     view = snapshot.view
-    place = None if view.comparison is None else view.comparison.place
+    place = None if snapshot.compared is None else snapshot.compared.place
     if place is None or place.points_off_mm is None or view.pairs != view.compared_pairs:
         return ()
     return tuple(place.points_off_mm)
@@ -190,17 +185,19 @@ def _words(found: MapComparison | None) -> str:
     return html + style.note(f"{words}. {RIGID}", kind)
 
 
-def compared_with_file(
-    session: Session, data: bytes, name: str, how: Registration, view: ViewState
-) -> MapComparison:
-    """Return the maps beside a file; pairs of points count where it is laid by them."""
+def comparison_message(file: str, how: Registration, view: ViewState) -> StartComparison:
+    """Return the comparison with an uploaded file; pairs count where it is laid by them.
+
+    Raises:
+        InvalidInputError: it is laid by fewer pairs of points than determine a pose.
+    """
     pairs, threshold = view.pairs, view.bone_threshold
     if how not in BY_PAIRS:
-        return compare_maps(session, data, name, how, threshold=threshold)
+        return StartComparison(file, how, threshold=threshold)
     if len(pairs) < LEAST_PAIRS:
         raise InvalidInputError(
             f"a reference is laid by {LEAST_PAIRS} pairs of points or more, not {len(pairs)}: add "
             "pairs in step 9, Comparison, Pairs of points"
         )
-    points = [there for there, _ in pairs], [here for _, here in pairs]
-    return compare_maps(session, data, name, how, points, threshold)
+    there, here = zip(*pairs, strict=True)
+    return StartComparison(file, how, there, here, threshold)

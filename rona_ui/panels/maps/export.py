@@ -3,7 +3,7 @@
 from typing import Any
 
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.steps.maps.export import NAMES
+from rona_core.app.steps.maps.export import EXPORTS
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext, on_click
 from rona_ui.presentation.snapshot import Snapshot, changed
@@ -21,7 +21,7 @@ class ExportFolder:
         self._window = gui.add_folder("Export", visible=False, expand_by_default=False)
         with self._window:
             gui.add_html(style.text(EXPLANATION))
-            file = gui.add_dropdown("File", NAMES)
+            file = gui.add_dropdown("File", tuple(one.name for one in EXPORTS))
             self._words = gui.add_html("")
             self._button = gui.add_button("Download maps", icon="download", color="gray")
         on_click(self._button, lambda e: context.service(f"export:{file.value}", e, None))

@@ -33,12 +33,6 @@ from rona_ui.presentation.shown import (
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import escape
 
-METHODS = {
-    "Front echo subtracted": "subtract",
-    "Matched filter (paper)": "matched",
-    "Threshold (paper)": "threshold",
-}
-SPEEDS = {"Calibrated, else published": "known", "Entered below": "given"}
 QUANTITIES = {
     "Bone thickness": "thickness",
     "Height above the map plane": "height",
@@ -89,10 +83,7 @@ class MapsPanel(StepPanel):
 
     def build(self) -> None:
         """Add the parameters and the choice of what is shown."""
-        self.form.choice("method", "Detection", METHODS, "subtract")
-        self.form.choice("speed", "Speed of sound", SPEEDS, "known")
-        self._given = self.gui.add_number("Sound speed (mm/µs)", 2.65, min=1.5, max=4.5, step=0.01)
-        self.form.number("cell_mm", "Cell size (mm)", 1.0, 0.5, 5.0, 0.5)
+        self.form.of(StartMapping)
         with self.gui.add_folder("Sound speed calibration", expand_by_default=False):
             self._speed = SpeedFields(self.gui, self.context)
         self._shown = self.gui.add_dropdown("Show", tuple(SHOWN))
@@ -103,15 +94,10 @@ class MapsPanel(StepPanel):
         self._bar = self.gui.add_html("")
         with self.gui.add_folder("Error budget", expand_by_default=False):
             self._budget = self.gui.add_html("")
-        self.form.on_change(self._changed)
         context = self.context
         on_change(self._shown, lambda e: self._show(SHOWN[e.target.value]))
         on_change(self._quantity, lambda e: context.set_view(quantity=QUANTITIES[e.target.value]))
         on_change(self._cut, lambda e: context.set_view(skull_window=e.target.value))
-
-    def _changed(self, name: str, event: Any) -> None:
-        if name == "speed":
-            self._given.visible = self.form.value("speed") == "given"
 
     def _show(self, names: tuple[str, ...]) -> None:
         hide = MAP_NAMES - set(names)
@@ -119,15 +105,11 @@ class MapsPanel(StepPanel):
 
     def message(self) -> Any:
         """Return the mapping with these parameters."""
-        values = self.form.values()
-        given = float(self._given.value) if values.pop("speed") == "given" else None
-        return StartMapping(**values, sound_speed_mm_per_us=given)
+        return StartMapping(**self.form.values())
 
     def update(self, old: Snapshot | None, new: Snapshot) -> None:
         """Draw the colour bar once there are maps."""
         maps = shown_maps(new)
-        self._given.visible = self.form.value("speed") == "given"
-        self._given.disabled = new.busy
         if changed(old, new, "session", "busy"):
             self._speed.show(new.session, new.busy)
         self._sono.render(new)
@@ -135,7 +117,7 @@ class MapsPanel(StepPanel):
             field.visible = maps is not None
         if maps is None:
             self._bar.content = ""
-        elif changed(old, new, "session.results", "static_scene", "view", "truth"):
+        elif changed(old, new, "session.results", "static_scene", "view", "compared", "truth"):
             self._bar.content = color_bar(
                 layers_of(maps, new.view.quantity, map_sigma(new), map_errors(new))
             )

@@ -18,8 +18,6 @@ SECOND_PASS = (
     "Where the inner table is inclined, its echo misses the probe. The robot scans these "
     "gaps again with the probe tilted. Passes add up: each is planned over the gaps that are left."
 )
-SPREAD = "Difference of the expected inner-table slope between neighbouring rows (mm/mm)"
-TILT = "Above about 6° the probe face loses contact"
 
 
 class SecondFolder:
@@ -37,20 +35,7 @@ class SecondFolder:
             self._scan = gui.add_button("Scan gaps", icon="player-play")
             self._map = gui.add_button("Map with second pass", icon="map", visible=False)
             with gui.add_folder("Row spacing and tilt", expand_by_default=False):
-                plan = StartGapPlan()
-                self._form.numbers(
-                    ("spacing_mm", "Row spacing (mm)", plan.spacing_mm, 0.5, 5.0, 0.5),
-                    ("fan", "Slope spread", plan.fan, 0.0, 0.5, 0.05, SPREAD),
-                    (
-                        "largest_lean_deg",
-                        "Max. tilt (deg)",
-                        plan.largest_lean_deg,
-                        0.5,
-                        15.0,
-                        0.5,
-                        TILT,
-                    ),
-                )
+                self._form.of(StartGapPlan, "spacing_mm", "fan", "largest_lean_deg")
         on_click(self._plan, lambda e: self._send(context, self.message, e))
         on_click(self._scan, lambda e: self._send(context, StartGapScan, e))
         on_click(self._map, lambda e: self._send(context, mapping, e, second=False))

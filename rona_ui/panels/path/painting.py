@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from rona_core.app.steps.path.messages import ClearPaintedRegions
+from rona_core.app.steps.path.messages import ClearPaintedRegions, PaintRegion
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
 from rona_ui.panels.widgets.panel_context import PanelContext
@@ -26,9 +26,8 @@ class PaintingControls:
         self._context = context
         with gui.add_folder("Paint regions", expand_by_default=False):
             gui.add_html(style.text(EXPLANATION))
-            form = self._form = Form(gui)
-            form.number("radius_mm", "Brush radius (mm)", 5.0, 1.0, 20.0, 0.5)
-            form.on_change(self._resize)
+            form = self._form = Form(gui, self._resize)
+            form.of(PaintRegion, "radius_mm")
             self._paint = [
                 context.view_button(gui, label, icon, drawing=kind, picks=(), stroke=())
                 for label, icon, kind in (

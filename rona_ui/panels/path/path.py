@@ -13,7 +13,6 @@ from rona_ui.panels.widgets.step_panel import StepPanel
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState
 
-KINDS = {"Raster": "raster", "Spiral": "spiral"}
 HELP = {
     "center": "Click the skull to set the centre of the pattern.",
     "boundary": "Click the corners of the boundary one after the other, or drag along it.",
@@ -33,8 +32,7 @@ class PathPanel(StepPanel):
 
     def build(self) -> None:
         """Add duration, spacing, drawing."""
-        self.form.number("duration_s", "Duration (s)", 40.0, 1.0, 600.0, 5.0)
-        self.form.number("spacing_mm", "Line spacing (mm)", 4.0, 1.0, 20.0, 0.5)
+        self.form.of(StartPathCapture, "duration_s", "spacing_mm")
         self._drawing = DrawingControls(self.gui, self.context, "path", self._line)
         self._painting = PaintingControls(self.gui, self.context)
         self._pattern = PatternControls(self.gui, self.context)
@@ -78,13 +76,7 @@ class PatternControls:
                 )
             )
             form = self._form = Form(gui)
-            form.choice("kind", "Pattern", KINDS, "raster")
-            form.numbers(
-                ("spacing_mm", "Spacing (mm)", 4.0, 0.5, 20.0, 0.5),
-                ("turn_deg", "Direction (deg)", 0.0, -180.0, 180.0, 5.0),
-                ("margin_mm", "Margin (mm)", 0.0, 0.0, 40.0, 0.5, "From the boundary"),
-                ("radius_mm", "Radius (mm)", 0.0, 0.0, 45.0, 1.0, "0: radius of the region"),
-            )
+            form.of(GenerateScanPattern, "kind", "spacing_mm", "turn_deg", "margin_mm", "radius_mm")
             self._center = context.view_button(
                 gui, "Pick centre", "target", drawing="center", picks=()
             )
@@ -104,10 +96,10 @@ class PatternControls:
 
     def message(self) -> Any:
         """Return the pattern with these parameters."""
-        values = self._form.values()
-        values["radius_mm"] = values["radius_mm"] or None
         return GenerateScanPattern(
-            **values, center_base_mm=self._view.center, boundary_base_mm=self._view.boundary
+            **self._form.values(),
+            center_base_mm=self._view.center,
+            boundary_base_mm=self._view.boundary,
         )
 
     def render(self, new: Snapshot) -> None:

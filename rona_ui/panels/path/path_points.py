@@ -26,14 +26,13 @@ class PathPoints:
         self._folder = gui.add_folder("Path points", expand_by_default=False)
         with self._folder:
             self._number = gui.add_number("Point no.", 1, min=1, max=1, step=1)
-            form = self._form = Form(gui)
-            form.vector("place", "Position (mm)", (0.0, 0.0, 0.0), "x, y, z in the robot base")
+            form = self._form = Form(gui, self._move)
+            form.of(MovePathPoint, "point_base_mm", point_base_mm=(0.0, 0.0, 0.0))
             self._insert = gui.add_button("Insert point after", icon="plus", color="gray")
             self._delete = gui.add_button("Delete this point", icon="trash", color="gray")
             gui.add_html(style.text(HELP))
             self._list = gui.add_html("")
         on_change(self._number, lambda e: context.change_view(self._select))
-        form.on_change(self._move)
         on_click(self._insert, lambda e: context.send(self._halfway, e))
         on_click(self._delete, lambda e: context.send(lambda: DeletePathPoint(self._index()), e))
 
@@ -70,7 +69,7 @@ class PathPoints:
         elif self._index() >= len(corners):
             self._number.value = len(corners)
         index = self._index()
-        self._form.show({"place": tuple(np.round(corners[index], 2).tolist())})
+        self._form.show({"point_base_mm": tuple(np.round(corners[index], 2).tolist())})
         self._insert.disabled = index == len(corners) - 1
         self._delete.disabled = len(corners) < 3
         self._list.content = listed(corners, held)

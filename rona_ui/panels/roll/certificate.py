@@ -70,7 +70,9 @@ def refusal(view: CertificateView) -> str:
     """Return why and where the motion is refused."""
     failures = view.failures
     if not failures:
-        return "Refused: the certificate belongs to another motion or robot. Plan again."
+        return (
+            "Refused: the certificate belongs to another motion, robot or tolerances. Plan again."
+        )
     parts = "; ".join(f"{row.check.sentence} ({row.place})" for row in failures[:3])
     more = f"; and {len(failures) - 3} more" if len(failures) > 3 else ""
     return f"Refused: {parts}{more}. The robot will not execute it."
@@ -81,7 +83,7 @@ def refusal_in_short(view: CertificateView) -> str:
     names = ", ".join(f"{row.check.name} ({value(row)}, {limit(row)})" for row in view.failures[:3])
     more = len(view.failures) - 3
     names += f" and {more} more" if more > 0 else ""
-    return f"Refused: {names or 'another motion or robot'}. See Checks on the right."
+    return f"Refused: {names or 'another motion, robot or tolerances'}. See Checks on the right."
 
 
 def table(view: CertificateView) -> str:

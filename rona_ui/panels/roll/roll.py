@@ -3,14 +3,21 @@
 from functools import partial
 from typing import Any, Literal
 
-from rona_core.app.steps.roll.base_placement import BasePlace, BasePlacement, fresh_placement, moves
+from rona_core.app.steps.roll.base_placement import (
+    BasePlace,
+    BasePlacement,
+    fresh_placement,
+    moves,
+)
 from rona_core.app.steps.roll.certificate_view import certificate_view
+from rona_core.app.steps.roll.inputs import last_roll_search
 from rona_core.app.steps.roll.messages import (
     ApplyBasePlacement,
     StartBasePlacement,
     StartRollSearch,
 )
 from rona_core.app.steps.roll.view import joint_curves, none_works
+from rona_core.devices.limits import limits_of
 from rona_core.session.document import Session
 from rona_ui.panels.roll.certificate import refusal_in_short
 from rona_ui.panels.widgets import style
@@ -56,11 +63,7 @@ class BasePlacementControls:
         }
         self._key = gui.add_html("")
         with gui.add_folder("Search range", expand_by_default=False):
-            form.numbers(
-                ("half_x_mm", "Range x, ± (mm)", 500.0, 0.0, 2000.0, 50.0, "Along base x"),
-                ("half_y_mm", "Range y, ± (mm)", 600.0, 0.0, 2000.0, 50.0, "Along base y"),
-                ("step_mm", "Cell size (mm)", 100.0, 25.0, 500.0, 25.0),
-            )
+            form.of(StartBasePlacement, "half_x_mm", "half_y_mm", "step_mm")
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the search, and rest while something runs."""
@@ -88,7 +91,7 @@ def placement_words(session: Session, found: BasePlacement | None) -> str:
     if found is None:
         return _outdated_note(session)
     offered = offers(found)
-    words = ""
+    words = _rolls_note(last_roll_search(session))
     if found.smallest is None:
         reasons = "; ".join(found.reasons)
         words += style.note(f"No verified base pose found: {reasons}.", "warn")
@@ -100,6 +103,17 @@ def placement_words(session: Session, found: BasePlacement | None) -> str:
     return words + (style.text(AGAIN) if offered else "")
 
 
+def _rolls_note(rolls: StartRollSearch) -> str:
+    """Return which rolls a place must work with, where they are not the default ones."""
+    if rolls == StartRollSearch():
+        return ""
+    mode = limits_of(StartRollSearch)["mode"]["labels"][rolls.mode]
+    return style.text(
+        f"Rolls of the last search: {mode.lower()}, {rolls.n_rolls} from "
+        f"{rolls.roll_from_deg:g}° to {rolls.roll_to_deg:g}°."
+    )
+
+
 def _outdated_note(session: Session) -> str:
     """Return what is left to say of a search that no longer holds."""
     searched, robot = session.results.placement, session.setup.devices.robot
@@ -108,7 +122,7 @@ def _outdated_note(session: Session) -> str:
     stands = robot.base_shift_mm, robot.base_turn_deg
     if any((place.shift_mm, place.turn_deg) == stands for place in offers(searched.value).values()):
         return style.note("The base stands at the selected pose. " + AGAIN)
-    return style.note("Base, path or obstacles have changed. Search again.")
+    return style.note("Base, path, rolls or obstacles have changed. Search again.")
 
 
 def placement_key(found: BasePlacement | None) -> str:
@@ -137,10 +151,6 @@ def place_words(place: BasePlace) -> str:
     )
 
 
-CHOICES = {"Largest margin": "best", "First feasible (paper)": "first"}
-MODES = {"Constant, else varying": "auto", "Constant": "constant", "Varying": "variable"}
-
-
 class RollPanel(StepPanel):
     """Range and number of rolls; the map of them stands on the right."""
 
@@ -158,13 +168,7 @@ class RollPanel(StepPanel):
 
     def build(self) -> None:
         """Add the range."""
-        self.form.numbers(
-            ("n_rolls", "Roll angles", 72, 1, 720, 1),
-            ("roll_from_deg", "From (deg)", 0.0, -360.0, 360.0, 5.0),
-            ("roll_to_deg", "To (deg)", 360.0, -355.0, 720.0, 5.0),
-        )
-        self.form.choice("choice", "Select by", CHOICES, "best")
-        self.form.choice("mode", "Roll mode", MODES, "auto")
+        self.form.of(StartRollSearch)
         seen = self._obstacles = self.gui.add_checkbox(
             "Show obstacles", False, hint="Draws the obstacles of robot and tool"
         )

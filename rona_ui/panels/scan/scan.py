@@ -1,7 +1,9 @@
 """Step 8: the robot executes the certified plan while the probe records; force control."""
 
+from dataclasses import asdict
 from typing import Any
 
+from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.steps.maps.growing_map import GrowingMap
 from rona_core.app.steps.scan.contact_view import contact_report, delay_sentence
 from rona_core.app.steps.scan.head_view import head_report, unwatched
@@ -10,65 +12,43 @@ from rona_core.app.steps.scan.messages import (
     StartProbeMountingCapture,
     StartScan,
 )
-from rona_core.app.steps.scan.probe_mounting import mounting_view
+from rona_core.app.steps.scan.probe_mounting import mounting_words
 from rona_core.app.steps.setup.messages import SetContact
-from rona_core.devices.settings import ContactSettings
 from rona_core.session.document import Session
 from rona_ui.panels.scan.landmarks import LandmarkControls
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.form import Form
+from rona_ui.panels.widgets.form import SettingsForm
 from rona_ui.panels.widgets.panel_context import PanelContext
-from rona_ui.panels.widgets.step_panel import StepPanel
+from rona_ui.panels.widgets.step_panel import JudgementNote, StepPanel
 from rona_ui.presentation.colors import GREEN, SKY, VERMILLION, css
 from rona_ui.presentation.shown import shown_growing_map
 from rona_ui.presentation.snapshot import Snapshot, changed
-from rona_ui.viewer.bindings import Event
 
-NOW = ContactSettings()
-FORCE = ("force_n", "Contact force (N)", NOW.force_n, 0.5, 8.0, 0.5, "Along the tool axis")
 LIMITS = (
-    ("travel_mm", "Max. correction (mm)", NOW.travel_mm, 1.0, 10.0, 0.5),
-    ("monitor_n", "Soft force limit (N)", NOW.monitor_n, 1.5, 30.0, 0.5),
-    ("stop_n", "Hard force limit (N)", NOW.stop_n, 2.5, 50.0, 0.5),
-    ("approach_mm_per_s", "Approach speed (mm/s)", NOW.approach_mm_per_s, 0.2, 10.0, 0.2),
-    ("period_ms", "Control period (ms)", NOW.period_ms, 1.0, 50.0, 1.0),
-    ("delay_ms", "Robot delay (ms)", NOW.delay_ms, 0.0, 200.0, 1.0),
-    ("lag_ms", "Robot lag (ms)", NOW.lag_ms, 1.0, 200.0, 1.0),
+    "travel_mm",
+    "monitor_n",
+    "stop_n",
+    "approach_mm_per_s",
+    "period_ms",
+    "delay_ms",
+    "lag_ms",
 )
 
 
-class ContactFields:
-    """Fields of their own command; every change is sent."""
-
-    def __init__(self, gui: Any, context: PanelContext) -> None:
-        self._context = context
-        form = self._form = Form(gui)
-        form.tick("pressed", "Force control", True, "Off: position control only")
-        form.numbers(FORCE)
-        with gui.add_folder("Contact limits", expand_by_default=False):
-            form.numbers(*LIMITS)
-        form.on_change(self._changed)
-
-    def _changed(self, name: str, event: Event) -> None:
-        self._context.send_debounced("contact", self._message, event)
-
-    def _message(self) -> SetContact:
-        return SetContact(**self._form.values())
-
-    def render(self, old: Snapshot | None, new: Snapshot) -> None:
-        """Write what the session holds into the fields where it has changed or was refused."""
-        self._form.enable(not new.busy)
-        if changed(old, new, "session.setup", "refused"):
-            self._form.show(contact_values(new.session))
-
-
-def contact_values(session: Session) -> dict[str, Any]:
-    """Return what the fields show: the limits stay as they are where nothing is pressed on."""
-    contact = session.setup.devices.robot.contact
-    if contact is None:
-        return {"pressed": False}
-    names = [name for name, *_ in (FORCE, *LIMITS)]
-    return {"pressed": True, **{name: getattr(contact, name) for name in names}}
+def contact_form(gui: Any, context: PanelContext) -> SettingsForm:
+    """Add the rows of ``SetContact``; the limits stay as they are where nothing is pressed on."""
+    form = SettingsForm(
+        gui,
+        context,
+        SetContact,
+        lambda session: session.setup.devices.robot.contact,
+        "pressed",
+        "force_n",
+        show=lambda held: {"pressed": False} if held is None else {"pressed": True, **asdict(held)},
+    )
+    with gui.add_folder("Contact limits", expand_by_default=False):
+        form.add(*LIMITS)
+    return form
 
 
 def contact_note(session: Session) -> str:
@@ -78,6 +58,8 @@ def contact_note(session: Session) -> str:
         return ""
     ended = report.contact is not None and bool(report.contact.reason)
     words = style.note(report.sentence, "warn" if ended else "")
+    if report.mass is not None:
+        words += style.note(f"{report.mass}.", "warn")
     return words + (style.text(delay_sentence(report.delay)) if report.delay is not None else "")
 
 
@@ -106,21 +88,17 @@ class MountingFields:
         self._reset = context.send_button(
             gui, "Reset mounting", "restore", lambda: CalibrateProbeMounting(use=False)
         )
-        self._found = gui.add_html("")
+        self._found = JudgementNote(gui, context)
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Say what is known of the mounting."""
+        if not changed(old, new, "session", "busy"):
+            return
         for button in (self._record, self._reset):
             button.disabled = new.busy
-        if not changed(old, new, "session"):
-            return
-        view = mounting_view(new.session)
-        self._reset.visible = view is not None
-        self._found.content = (
-            style.note("As drawn: not calibrated.")
-            if view is None
-            else style.note(view.sentence, style.BOXES[view.verdict])
-        )
+        words, found = mounting_words(new.session), judge_part("mounting", new.session)
+        self._reset.visible = bool(words)
+        self._found.show(words or "As drawn: not calibrated.", found, busy=new.busy)
 
 
 def growing_bar(growing: GrowingMap | None) -> str:
@@ -145,13 +123,12 @@ class ScanPanel(StepPanel):
         "halts the robot at once; recorded data are kept."
     )
     start = "Scan"
-    seen_first = True  # the probe touches the patient: mounting and landmarks come before
 
     def build(self) -> None:
         """Add how the probe is mounted, and pressed on."""
         self._growing = self.gui.add_html("")
         self._landmarks = LandmarkControls(self.gui, self.context)
-        self._contact = ContactFields(self.gui, self.context)
+        self._contact = contact_form(self.gui, self.context)
         with self.gui.add_folder("Probe mounting", expand_by_default=False):
             self._mounting = MountingFields(self.gui, self.context)
 

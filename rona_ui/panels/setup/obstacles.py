@@ -10,30 +10,14 @@ from rona_core.app.steps.setup.messages import (
 )
 from rona_core.devices.workcell import RoomBox, Surroundings
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.form import Form
+from rona_ui.panels.widgets.form import Form, SettingsForm
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import Event, escape
 
 NEW = "New obstacle"
 EXAMPLE = RoomBox("cupboard", (300.0, 1000.0, 300.0), (600.0, 300.0, 1400.0))  # fields offer it
-AROUND = "Table, floor, tracker and added obstacles"
-BELOW = "Head centre below the region, until the surface is measured"
-WORKCELL: tuple[tuple[Any, ...], ...] = (  # name, label, least, most, step, hint
-    (
-        "floor_mm",
-        "Floor height (mm)",
-        -5000.0,
-        5000.0,
-        10.0,
-        "Height of the floor in the work cell",
-    ),
-    ("head_below_mm", "Head depth (mm)", -500.0, 500.0, 5.0, BELOW),
-    ("head_margin_mm", "Head clearance (mm)", 0.0, 200.0, 1.0, "Except for the probe"),
-    ("margin_mm", "Obstacle clearance (mm)", 0.0, 200.0, 1.0, AROUND),
-    ("self_margin_mm", "Self-clearance (mm)", 0.0, 50.0, 1.0, "Between links of the robot"),
-    ("stand_radius_mm", "Tracker stand (mm)", 10.0, 1000.0, 10.0),
-)
+BOX = ("center_mm", "size_mm", "turn_deg")
 EXPLANATION = (
     "The robot keeps clear of head, table, floor, tracker and the obstacles you add. "
     "Positions are in mm from the initial robot base: x forward, y left, z up."
@@ -54,17 +38,14 @@ class WorkcellFields:
         self._which = gui.add_dropdown("Obstacle", (NEW,))
         self._name = gui.add_text("Name", EXAMPLE.name)
         self._box = Form(gui)
-        self._box.vector("center_mm", "Centre (mm)", EXAMPLE.center_mm, "x, y, z in the work cell")
-        self._box.vector("size_mm", "Size (mm)", EXAMPLE.size_mm, "Along its own x, y and z")
-        self._box.number(
-            "turn_deg", "Rotation (deg)", 0.0, -180.0, 180.0, 5.0, "About the vertical"
-        )
+        self._box.of(AddObstacle, *BOX, **_values(EXAMPLE))
         self._add = gui.add_button("Add obstacle", icon="plus", color="gray")
         self._remove = gui.add_button("Remove obstacle", icon="trash", color="gray", visible=False)
         self._warning = gui.add_html("")
         with gui.add_folder("Table, floor and clearances", expand_by_default=False):
-            self._workcell = workcell_form(gui)
-        self._workcell.on_change(self._changed)
+            self._workcell = SettingsForm(
+                gui, context, SetWorkcell, lambda session: session.setup.surroundings
+            )
         on_change(
             self._show_all,
             lambda e: context.show_layer("obstacles", bool(self._show_all.value)),
@@ -73,16 +54,11 @@ class WorkcellFields:
         on_click(self._add, self._on_add)
         on_click(self._remove, self._on_remove)
 
-    def _changed(self, name: str, event: Event) -> None:
-        self._context.send_debounced("room", lambda: SetWorkcell(**self._workcell.values()), event)
-
     def _choose(self) -> None:
         box = next((b for b in self._obstacles.boxes if b.name == self._which.value), None)
         if box is not None:
             self._name.value = box.name
-            self._box.show(
-                {"center_mm": box.center_mm, "size_mm": box.size_mm, "turn_deg": box.turn_deg}
-            )
+            self._box.show(_values(box))
         self._offer()
 
     def _offer(self) -> None:
@@ -105,12 +81,10 @@ class WorkcellFields:
         """Follow the session and the layers."""
         workcell, busy = new.session.setup.surroundings, new.busy
         self._show_all.value = "obstacles" not in new.view.hidden
-        self._workcell.enable(not busy)
+        self._workcell.render(old, new)
         self._box.enable(not busy)
         for part in (self._add, self._remove, self._which, self._name):
             part.disabled = busy
-        if changed(old, new, "session.setup", "refused"):
-            self._workcell.show({name: getattr(workcell, name) for name in self._workcell.values()})
         if changed(old, new, "session.setup"):
             self._follow(workcell)
         if changed(old, new, "session.setup", "static_scene"):
@@ -128,15 +102,8 @@ class WorkcellFields:
         self._offer()
 
 
-def workcell_form(gui: Any) -> Form:
-    """Return the fields of table, floor and clearances."""
-    form, now = Form(gui), Surroundings()
-    form.tick("table", "Table", now.table)
-    form.vector("table_center_mm", "Table top (mm)", now.table_center_mm, "Offset from the region")
-    form.vector("table_size_mm", "Table size (mm)", now.table_size_mm, "x, y, thickness")
-    for name, label, low, high, step, *hint in WORKCELL:
-        form.number(name, label, getattr(now, name), low, high, step, *hint)
-    return form
+def _values(box: RoomBox) -> dict[str, Any]:
+    return {name: getattr(box, name) for name in BOX}
 
 
 def obstacle_table(workcell: Surroundings) -> str:

@@ -1,7 +1,9 @@
 """Probe in step 1: choice, expected performance, parameters, delay line, comparison of probes."""
 
+from dataclasses import asdict
 from typing import Any
 
+from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.steps.acoustics.messages import (
     CalibrateDelayLine,
     StartDelayLineCapture,
@@ -12,73 +14,49 @@ from rona_core.app.steps.acoustics.view import (
     ExpectedPerformance,
     WhatIf,
     edited_probe,
-    line_state,
+    line_words,
     probe_performances,
     probe_values,
 )
-from rona_core.app.steps.boundaries.probe_advice import (
-    PROBE_TITLES,
-    THICK_MM,
-    THIN_MM,
-    probe_advice,
-)
+from rona_core.app.steps.boundaries.probe_advice import probe_advice
 from rona_core.app.steps.setup.messages import SetProbe
-from rona_core.devices.limits import range_of
-from rona_core.devices.settings import Excitation, ProbeName, ProbeSettings
+from rona_core.devices.probes import BY_FREQUENCY, PROBE_DATA
+from rona_core.devices.settings import Excitation, ProbeSettings
 from rona_core.session.document import Session
 from rona_core.session.specimen import BoneKind
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.form import Form
+from rona_ui.panels.widgets.form import SettingsForm
 from rona_ui.panels.widgets.panel_context import PanelContext, on_click
+from rona_ui.panels.widgets.step_panel import JudgementNote
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.fields import read_number
 
 CHOICE = ("name", "excitation", "front_snr_db", "pitch_mm")
-NAMES = (*CHOICE, *EDITABLE, "line_temperature_c")
-SHAPES = {
-    "Resonant": "resonant",
-    "Damped": "damped",
-    "Two lobes": "double",
-    "Ringing": "ringing",
-}
-DETAILS: tuple[tuple[Any, ...], ...] = (  # name, label, step, hint
-    ("centre_mhz", "Centre frequency (MHz)", 0.05),
-    ("bandwidth", "Relative bandwidth", 0.02, "-6 dB bandwidth divided by the centre frequency"),
-    ("aperture_mm", "Element diameter (mm)", 0.1, "Of the transducer element"),
-    ("line_length_mm", "Delay line length (mm)", 0.5, "Length of the elastomer"),
-)
-WARM = "The line slows sound when warm"
 SHOWN_MM = (4.0, 6.0, 8.0, 10.0)  # thicknesses of the small table
 
 
 class ProbeFields:
     """Fields of one ``SetProbe`` command, and the expected performance."""
 
-    def __init__(self, form: Form, gui: Any, context: PanelContext) -> None:
-        self._form, self._gui, self._context = form, gui, context
-        self._settings = ProbeSettings()
-
-    def build(self) -> None:
+    def __init__(self, gui: Any, context: PanelContext) -> None:
         """Add probe and excitation, and what each combination promises."""
-        form = self._form
-        form.choice("name", "Probe", {v: k for k, v in PROBE_TITLES.items()}, "2.25MHz")
-        form.choice("excitation", "Excitation", {"Chirp": "chirp", "Pulse": "pulse"}, "chirp")
-        form.number("front_snr_db", "SNR (dB)", 50.0, 0.0, 90.0, 1.0)
-        form.number("pitch_mm", "Pitch (mm)", 1.0, 0.2, 10.0, 0.1, "Between A-scans")
+        self._gui, self._context = gui, context
+        self._form = SettingsForm(
+            gui,
+            context,
+            SetProbe,
+            lambda session: session.setup.devices.probe,
+            *CHOICE,
+            make=_message,
+            show=lambda held: {**asdict(held), **probe_values(held)},
+        )
         self._advice = self._gui.add_html("")
         self._table = self._gui.add_html("")
 
     def build_details(self) -> None:
         """Add what a probe is made of, for whoever has another one."""
         form = self._form
-        first = probe_values(ProbeSettings())
-        for name, label, step, *hint in DETAILS:
-            form.number(
-                name, label, float(first[name]), *range_of(ProbeSettings, name), step, *hint
-            )
-        form.choice("pulse_shape", "Pulse", SHAPES, "resonant", "As measured on a block")
-        limits = range_of(ProbeSettings, "line_temperature_c")
-        form.number("line_temperature_c", "Line temperature (°C)", 22.0, *limits, 1.0, WARM)
+        form.add(*EDITABLE, "line_temperature_c")
         self._restore = self._context.send_button(
             self._gui, "Restore probe defaults", "restore", lambda: SetProbe(**form.values(*CHOICE))
         )
@@ -97,40 +75,30 @@ class ProbeFields:
         self._reset_line = self._context.send_button(
             self._gui, "Reset delay line", "restore", lambda: CalibrateDelayLine(use=False)
         )
-        self._line = self._gui.add_html("")
+        self._line = JudgementNote(self._gui, self._context)
 
-    def message(self) -> SetProbe:
-        """Return the command that the fields make; another name brings its own details."""
-        values = self._form.values(*NAMES)
-        kept: dict[str, Any] = {
-            "adc_bits": self._settings.adc_bits,
-            "gain_db": self._settings.gain_db,
-        }
-        if values["name"] != self._settings.name:
-            defaults = dict.fromkeys(EDITABLE)
-            return SetProbe(**{**values, **defaults}, **kept)
-        return SetProbe(**{**kept, **edited_probe(self._settings, values)})
-
-    def field_values(self, settings: ProbeSettings) -> dict[str, Any]:
-        """Return what the fields are to show of a session's settings."""
-        self._settings = settings
-        shown = {name: getattr(settings, name) for name in (*CHOICE, "line_temperature_c")}
-        return {**shown, **probe_values(settings)}
-
-    def show(self, session: Session, busy: bool) -> None:
-        """Write table and state of the line."""
-        settings = session.setup.devices.probe
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
+        """Follow the session: rows, table and state of the line."""
+        self._form.render(old, new)
+        if not changed(old, new, "session.setup", "session.results", "busy"):
+            return
+        session, settings = new.session, new.session.setup.devices.probe
         self._table.content = performance_table(probe_performances(settings), settings)
         self._advice.content = advice_note(session)
-        state = line_state(session)
-        self._line.content = (
-            style.note("Nominal delay: not calibrated.")
-            if state is None
-            else style.note(state.sentence, style.BOXES[state.verdict])
-        )
-        self._reset_line.visible = state is not None
+        words = line_words(session)
+        found = judge_part("line", session)
+        self._line.show(words or "Nominal delay: not calibrated.", found, busy=new.busy)
+        self._reset_line.visible = bool(words)
         for button in (self._record, self._reset_line, self._restore):
-            button.disabled = busy
+            button.disabled = new.busy
+
+
+def _message(held: ProbeSettings, values: dict[str, Any]) -> SetProbe:
+    """Return the command of the rows; another name brings its own details."""
+    if values["name"] != held.name:
+        values |= {**dict.fromkeys(EDITABLE), "adc_bits": held.adc_bits, "gain_db": held.gain_db}
+        return SetProbe(**values)
+    return SetProbe(**edited_probe(held, values))
 
 
 def advice_note(session: Session, *, unless_suits: bool = False) -> str:
@@ -140,9 +108,14 @@ def advice_note(session: Session, *, unless_suits: bool = False) -> str:
         return ""
     if advice is not None:
         return style.note(advice.sentence, "good" if advice.kind == "suits" else "warn")
+    words = ", ".join(
+        f"{PROBE_DATA[name].title} for bone of {PROBE_DATA[name].min_thickness_mm:g} to "
+        f"{PROBE_DATA[name].fades_mm:g} mm"
+        for name in BY_FREQUENCY
+    )
     return style.text(
-        f"Use 2.25 MHz for bone under {THIN_MM:g} mm (better resolution), 1 MHz for bone "
-        f"over {THICK_MM:g} mm or hard bone. Map a scan to get a recommendation."
+        f"Use {words}; the higher frequency resolves better, hard bone needs the lower. Map a "
+        "scan to get a recommendation."
     )
 
 
@@ -151,7 +124,7 @@ def performance_table(rows: tuple[ExpectedPerformance, ...], chosen: ProbeSettin
     cells: list[list[str]] = []
     for row in rows:
         at = dict(zip(row.thickness_mm.tolist(), row.sigma_mm.tolist(), strict=True))
-        name = f"{PROBE_TITLES[row.probe]} {row.excitation}"
+        name = f"{PROBE_DATA[row.probe].title} {row.excitation}"
         if (row.probe, row.excitation) == (chosen.name, chosen.excitation):
             name = f"<b>▶ {name}</b>"
         sigmas = [f"{1e3 * at[mm]:.0f}" if row.reaches(mm) and mm in at else "–" for mm in SHOWN_MM]
@@ -165,10 +138,9 @@ def performance_table(rows: tuple[ExpectedPerformance, ...], chosen: ProbeSettin
     return words + style.table(("", *"n" * len(SHOWN_MM), "n"), head, cells)
 
 
-PROBES: dict[str, tuple[ProbeName, ...]] = {
-    "Both": ("2.25MHz", "1MHz"),
-    "2.25 MHz": ("2.25MHz",),
-    "1 MHz": ("1MHz",),
+SWEPT: dict[str, tuple[str, ...]] = {
+    "All": tuple(PROBE_DATA),
+    **{one.title: (name,) for name, one in PROBE_DATA.items()},
 }
 EXCITATIONS: dict[str, tuple[Excitation, ...]] = {
     "Both": ("pulse", "chirp"),
@@ -192,7 +164,7 @@ class ProbeComparisonPanel:
         )
         self._advice = gui.add_html("")
         with gui.add_folder("Sweep parameters", expand_by_default=False):
-            self._probes = gui.add_dropdown("Probes", tuple(PROBES))
+            self._probes = gui.add_dropdown("Probes", tuple(SWEPT))
             self._excitations = gui.add_dropdown("Excitation", tuple(EXCITATIONS))
             self._bone = gui.add_dropdown("Bone", tuple(BONES))
             self._snr = gui.add_text("SNR (dB)", "30, 50", hint="Comma-separated list")
@@ -207,7 +179,7 @@ class ProbeComparisonPanel:
     def message(self) -> StartProbeSweep:
         """Return the sweep that the fields make."""
         return StartProbeSweep(
-            probes=PROBES[self._probes.value],
+            probes=SWEPT[self._probes.value],
             excitations=EXCITATIONS[self._excitations.value],
             snr_db=numbers(self._snr.value),
             thickness_mm=numbers(self._thickness.value),

@@ -1,5 +1,6 @@
 """Step 1: specimen, region and devices. Every field sends its own command."""
 
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import PurePath
 from typing import Any
@@ -10,32 +11,29 @@ from rona_core.app.steps.setup.messages import (
     SetRegion,
     SetRobot,
     SetSeed,
-    SetUseBaseMarker,
     SetWorld,
     StartSkullImport,
     UseSimulatedSkull,
 )
 from rona_core.app.steps.setup.robot_parameters import robot_figures
-from rona_core.devices.settings import ROBOTS
-from rona_core.devices.world_settings import REALISTIC_WORLD
+from rona_core.devices.limits import limits_of
 from rona_core.errors import InvalidInputError, RonaError
 from rona_core.session.document import Session
 from rona_ui.panels.setup.obstacles import WorkcellFields
 from rona_ui.panels.setup.probe import ProbeFields
 from rona_ui.panels.setup.region import RegionControls
-from rona_ui.panels.setup.tracker import NAMES, PLACE, TrackerFields
+from rona_ui.panels.setup.tracker import TrackerFields
 from rona_ui.panels.widgets import style
+from rona_ui.panels.widgets.form import Make, SettingsForm, Show
+from rona_ui.panels.widgets.panel_context import on_change
 from rona_ui.panels.widgets.step_panel import StepPanel
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import Event, escape
 from rona_ui.viewer.fields import read_number
 
 FILES = ".nrrd,.nii,.gz,.stl,.ply,.obj"
-BONE = ("kind", "own_speed")
-ROBOT = ("model", "errors", "scan_speed_mm_per_s", "base_shift_mm", "base_turn_deg")
-BONES = {"Normal": "normal", "Sharp diploe": "sharp", "Hard: sharp, more scatter": "hard"}
-WORLDS = {"Nominal: as specified": "nominal", "Realistic": "realistic", "Hard": "hard"}
-SKULLS = {"Simulated, left side": "left", "Simulated, right side": "right", "From a file": "file"}
+SIDES = limits_of(UseSimulatedSkull)["side"]["labels"]
+SKULLS = {**{label: side for side, label in SIDES.items()}, "From a file": None}
 
 
 class SetupPanel(StepPanel):
@@ -49,24 +47,34 @@ class SetupPanel(StepPanel):
 
     def build(self) -> None:
         """Add the fields in folders, the rarer ones closed."""
-        form, gui = self.form, self.gui
-        self._tracker = TrackerFields(form)
-        self._probe = ProbeFields(form, gui, self.context)
-        self._world = REALISTIC_WORLD
-        form.number("seed", "Seed", 0, 0, 2**31 - 1, 1, "For patient, placement and noise")
-        form.choice("skull", "Skull", SKULLS, "left", "Load a file below")
-        form.choice("kind", "Bone", BONES, "normal", "Known only to the virtual probe")
-        hint = "Sound speed of bone differs by 3 % between patients"
-        form.tick("own_speed", "Patient-specific speed", True, hint)
-        hint = "How far patient and devices deviate from their specification"
-        form.choice("world_profile", "World", WORLDS, "realistic", hint)
-        form.number("radius_mm", "Region radius (mm)", 25.0, 5.0, 45.0, 1.0)
+        gui = self.gui
+        self._forms: list[SettingsForm] = []
+        self._add(SetSeed, lambda session: session.setup)
+        self._skull = gui.add_dropdown("Skull", tuple(SKULLS), hint="Load a file below")
+        on_change(self._skull, self._choose_skull)
+        self._add(SetBoneModel, lambda session: session.setup.bone)
+        self._add(
+            SetWorld,
+            lambda session: session.setup.world,
+            "profile",
+            make=lambda world, values: SetWorld(**{**asdict(world), **values}),
+        )
+        self._disc = self._add(
+            SetRegion,
+            lambda session: session.setup.region,
+            "radius_mm",
+            make=lambda region, values: SetRegion(region.center_mesh_mm, **values),
+        )
         self._region = RegionControls(gui, self.context)
         with gui.add_folder("Devices", expand_by_default=False):
-            self._tracker.build()
-            form.choice("pointer", "Pointer", {"6D": "pointer6d", "5D": "pointer5d"}, "pointer6d")
+            self._tracker = TrackerFields(gui, self.context)
+            self._add(
+                SetPointer,
+                lambda session: session.setup.devices,
+                show=lambda devices: {"kind": devices.pointer},
+            )
         with gui.add_folder("Probe", expand_by_default=False):
-            self._probe.build()
+            self._probe = ProbeFields(gui, self.context)
             with gui.add_folder("Probe parameters", expand_by_default=False):
                 self._probe.build_details()
             with gui.add_folder("Delay line", expand_by_default=False):
@@ -76,34 +84,47 @@ class SetupPanel(StepPanel):
         with gui.add_folder("Tracker displacement", expand_by_default=False):
             self._tracker.build_place()
         with gui.add_folder("Robot", expand_by_default=False):
-            form.choice("model", "Arm", {title: name for name, title in ROBOTS.items()}, "rx90")
-            form.tick("errors", "Simulate robot error", True, "0.35 mm RMS over its workspace")
-            form.number("scan_speed_mm_per_s", "Scan speed (mm/s)", 20.0, 0.5, 100.0, 1.0)
-            form.vector("base_shift_mm", "Base shift (mm)", (0.0, 0.0, 0.0))
-            form.number("base_turn_deg", "Base rotation (deg)", 0.0, -180.0, 180.0, 1.0)
+            self._add(SetRobot, lambda session: session.setup.devices.robot)
             with gui.add_folder("Sources of the parameters", expand_by_default=False):
                 self._figures = gui.add_html("")
         with gui.add_folder("Obstacles", expand_by_default=False):
             self._room = WorkcellFields(gui, self.context)
         with gui.add_folder("Load a skull", expand_by_default=False):
-            gui.add_html(
-                style.text(
-                    "A mask or CT volume (NRRD, NIfTI) or a mesh (STL, PLY, OBJ), in mm. A "
-                    "CT volume needs a bone threshold, a map of several labels that of bone."
-                )
+            self._build_upload()
+
+    def _build_upload(self) -> None:
+        """Add what a skull is read from a file with."""
+        gui = self.gui
+        gui.add_html(
+            style.text(
+                "A mask or CT volume (NRRD, NIfTI) or a mesh (STL, PLY, OBJ), in mm. A "
+                "CT volume needs a bone threshold, a map of several labels that of bone."
             )
-            hint = "Leave empty for masks and meshes"
-            self._threshold = gui.add_text("Bone threshold", "", hint=hint)
-            hint = "Value of bone in a map of several labels; leave empty for others"
-            self._label = gui.add_text("Bone label", "", hint=hint)
-            self._upload = gui.add_upload_button(
-                "Load skull file…", icon="upload", mime_type=FILES, color="gray"
-            )
-        form.on_change(self._changed)
+        )
+        hint = "Leave empty for masks and meshes"
+        self._threshold = gui.add_text("Bone threshold", "", hint=hint)
+        hint = "Value of bone in a map of several labels; leave empty for others"
+        self._label = gui.add_text("Bone label", "", hint=hint)
+        self._upload = gui.add_upload_button(
+            "Load skull file…", icon="upload", mime_type=FILES, color="gray"
+        )
 
         @self._upload.on_upload
         async def _(event: Any) -> None:
             self._read(event)
+
+    def _add(
+        self,
+        kind: Callable[..., Any],
+        held: Callable[[Session], Any],
+        *names: str,
+        make: Make | None = None,
+        show: Show | None = None,
+    ) -> SettingsForm:
+        """Add the rows of a message, which follow the session."""
+        form = SettingsForm(self.gui, self.context, kind, held, *names, make=make, show=show)
+        self._forms.append(form)
+        return form
 
     def _read(self, event: Any) -> None:
         uploaded = self._upload.value
@@ -111,7 +132,7 @@ class SetupPanel(StepPanel):
         wanted = self._threshold.value.strip()
         label = self._label.value.strip()
         self.context.service(f"upload:{name}", event, uploaded.content)
-        radius_mm = self.form.value("radius_mm")
+        radius_mm = self._disc.value("radius_mm")
         self.context.send(
             lambda: StartSkullImport(
                 name,
@@ -122,48 +143,23 @@ class SetupPanel(StepPanel):
             event,
         )
 
-    def _changed(self, name: str, event: Event) -> None:
-        """Send the command that a field belongs to."""
-        form = self.form
-        make = {
-            "seed": lambda: SetSeed(form.value("seed")),
-            "radius_mm": lambda: SetRegion(self._region.center_mesh_mm, form.value("radius_mm")),
-            "pointer": lambda: SetPointer(form.value("pointer")),
-            "skull": lambda: UseSimulatedSkull(form.value("skull")),
-            "use_base_marker": lambda: SetUseBaseMarker(form.value("use_base_marker")),
-            "world_profile": lambda: SetWorld(
-                **{**asdict(self._world), "profile": form.value("world_profile")}
-            ),
-        }
-        if name == "skull" and form.value("skull") == "file":
-            return  # nothing happens until a file has been read
-        if name in make:
-            key, build = name, make[name]
-        elif name in BONE:
-            key, build = "bone", lambda: SetBoneModel(**form.values(*BONE))
-        elif name in PLACE:
-            key, build = "place", self._tracker.place
-        elif name in NAMES:
-            self._tracker.changed(name)
-            key, build = "tracker", self._tracker.message
-        elif name in ROBOT:
-            key, build = "robot", lambda: SetRobot(**form.values(*ROBOT))
-        else:
-            key, build = "probe", self._probe.message
-        self.context.send_debounced(("setup", key), build, event)
+    def _choose_skull(self, event: Event) -> None:
+        side = SKULLS[self._skull.value]
+        if side is not None:  # else nothing happens until a file has been read
+            self.context.send_debounced("skull", lambda: UseSimulatedSkull(side), event)
 
     def update(self, old: Snapshot | None, new: Snapshot) -> None:
         """Write what the session holds into the fields where it has changed or was refused."""
         self._region.render(new)
+        self._skull.disabled = new.busy
+        for form in (*self._forms, self._tracker):
+            form.render(old, new)
         if changed(old, new, "session.setup", "refused"):
-            self._world = new.session.setup.world
-            tracker = new.session.setup.devices.tracker
-            probe = self._probe.field_values(new.session.setup.devices.probe)
-            self.form.show({**_held(new.session), **self._tracker.field_values(tracker), **probe})
+            side = getattr(new.session.setup.specimen, "side", None)
+            self._skull.value = next(label for label, held in SKULLS.items() if held == side)
             self._figures.content = figures_table(new.session.setup.devices.robot.model)
         self._room.render(old, new)
-        if changed(old, new, "session.setup", "session.results", "busy"):
-            self._probe.show(new.session, new.busy)
+        self._probe.render(old, new)
 
     def remarks(self, snapshot: Snapshot) -> str:
         """Say what the region is."""
@@ -175,20 +171,6 @@ class SetupPanel(StepPanel):
             f"Region: centre ({x:.0f}, {y:.0f}, {z:.0f}) mm in the robot base, "
             f"radius {static_scene.region_radius_mm:.0f} mm (purple ring)"
         )
-
-
-def _held(session: Session) -> dict[str, Any]:
-    setup, devices = session.setup, session.setup.devices
-    return {
-        "seed": setup.seed,
-        "skull": getattr(setup.specimen, "side", "file"),
-        "radius_mm": setup.region.radius_mm,
-        "world_profile": setup.world.profile,
-        "pointer": devices.pointer,
-        "use_base_marker": setup.use_base_marker,
-        **{name: getattr(setup.bone, name) for name in BONE},
-        **{name: getattr(devices.robot, name) for name in ROBOT},
-    }
 
 
 def figures_table(model: str) -> str:

@@ -9,7 +9,6 @@ from rona_ui.panels.widgets.step_panel import StepPanel
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import escape
 
-HALF_ANGLE = "Half-angle of the cone that the shaft sweeps"
 VERDICTS = {  # verdict -> (icon, words, colour, box)
     "good": ("✔", "good", "#00694d", "good"),
     "weak": ("▲", "weak", "#a34700", "warn"),
@@ -65,9 +64,7 @@ class ToolPanel(StepPanel):
 
     def build(self) -> None:
         """Add the parameters of the motion."""
-        self.form.number("cone_deg", "Pivot cone (deg)", 20.0, 5.0, 45.0, 1.0, HALF_ANGLE)
-        self.form.number("n_pivot", "Pivot poses", 30, 5, 200, 1)
-        self.form.number("n_translate", "Poses per axis", 10, 3, 60, 1)
+        self.form.of(StartToolCapture)
         self._calibration = CalibrationWords(self.gui, "tool")
 
     def update(self, old: Snapshot | None, new: Snapshot) -> None:

@@ -1,95 +1,191 @@
-"""Form: named fields of a step whose values become the arguments of a message."""
+"""Forms: rows of declared fields, whose values become the arguments of a message."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import MISSING, dataclass, fields
 from functools import partial
 from typing import Any
 
-from rona_ui.labels import note_label
-from rona_ui.panels.widgets.panel_context import on_change
+from rona_core.devices.limits import heading, limits_of
+from rona_core.session.document import Session
+from rona_ui.panels.widgets.panel_context import PanelContext, on_change
+from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import Event
+
+Make = Callable[[Any, dict[str, Any]], Any]  # of settings and values a message
+Show = Callable[[Any], Mapping[str, Any]]  # of settings the values of rows
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """A field by its declaration, and the widget that shows it: in words, in per cent, or as is."""
+
+    words: Mapping[str, Any]
+    options: Mapping[str, Any]  # of a choice: label -> value
+    widget: Any
+
+    def read(self) -> Any:
+        """Return the value of the field."""
+        shown = self.widget.value
+        if self.options:
+            return self.options[shown]
+        if "none" in self.words and not shown:
+            return None
+        return round(shown / 100.0, 9) if self.words.get("percent") else shown
+
+    def show(self, value: Any) -> None:
+        """Write a value of the field into the widget; one that it cannot show is left out."""
+        shown = _shown(value, self.words, self.options)
+        if shown is not None:
+            self.widget.value = shown
 
 
 class Form:
-    """Named fields; ``values()`` returns the arguments of a message."""
+    """Rows by the names of their fields; ``changed(name, event)`` is called when a user edits."""
 
-    def __init__(self, gui: Any) -> None:
-        self._gui = gui
-        self._fields: dict[str, Any] = {}
-        self._words: dict[str, dict[str, Any]] = {}  # choice -> words to values
+    def __init__(self, gui: Any, changed: Callable[[str, Event], None] | None = None) -> None:
+        self._gui, self._changed = gui, changed
+        self._rows: dict[str, Row] = {}
 
-    def _add(self, name: str, label: str, field: Any) -> Any:
-        note_label(name, label)
-        self._fields[name] = field
-        return field
+    def of(self, kind: Any, /, *names: str, **start: Any) -> None:
+        """Add rows as a dataclass declares its fields.
 
-    def number(
-        self,
-        name: str,
-        label: str,
-        value: float,
-        low: float,
-        high: float,
-        step: float,
-        hint: str | None = None,
-    ) -> None:
-        """Add a number; the core checks the limits once more."""
-        limits = {"min": low, "max": high, "step": step}
-        self._add(name, label, self._gui.add_number(label, value, **limits, hint=hint))
+        Args:
+            kind: The dataclass.
+            names: Of its fields, in the order of the rows; without any, all that have a label.
+            start: Values shown at first, where they are not the defaults.
+        """
+        declared = limits_of(kind)
+        for name in names or [name for name, words in declared.items() if "label" in words]:
+            self._add(kind, name, self._widget, start)
 
-    def numbers(self, *rows: tuple[Any, ...]) -> None:
-        """Add numbers, each by the arguments of ``number``."""
-        for row in rows:
-            self.number(*row)
+    def slider(self, kind: Any, name: str, /, **start: Any) -> Any:
+        """Add a number of a dataclass that is dragged, and return its widget."""
+        return self._add(kind, name, self._slider, start)
 
-    def slider(
-        self, name: str, label: str, value: float, low: float, high: float, step: float
-    ) -> Any:
-        """Add a number that is dragged, and return its widget."""
-        return self._add(name, label, self._gui.add_slider(label, low, high, step, value))
+    def _add(self, kind: Any, name: str, make: Any, start: Mapping[str, Any]) -> Any:
+        words = limits_of(kind)[name]
+        options = _options(words)
+        value = start.get(name, next(part.default for part in fields(kind) if part.name == name))
+        shown = None if value is MISSING else _shown(value, words, options)
+        if shown is None:
+            raise TypeError(f"{kind.__name__}.{name} has no default: give the row a start")
+        row = self._rows[name] = Row(words, options, make(words, options, shown))
+        if self._changed is not None:
+            on_change(row.widget, partial(self._changed, name))
+        return row.widget
 
-    def vector(
-        self, name: str, label: str, value: tuple[float, float, float], hint: str | None = None
-    ) -> None:
-        """Add three numbers."""
-        self._add(name, label, self._gui.add_vector3(label, value, step=1.0, hint=hint))
+    def _widget(self, words: Mapping[str, Any], options: Mapping[str, Any], shown: Any) -> Any:
+        label, hint = heading(words), words["hint"]
+        if options:
+            return self._gui.add_dropdown(label, tuple(options), initial_value=shown, hint=hint)
+        if isinstance(shown, bool):
+            return self._gui.add_checkbox(label, shown, hint=hint)
+        low, high, step = form_range(words)
+        if isinstance(shown, tuple):
+            limits = {"min": (low,) * 3, "max": (high,) * 3, "step": step}
+            return self._gui.add_vector3(label, shown, **limits, hint=hint)
+        if "none" in words:
+            hint = f"{hint}. 0: {words['none']}" if hint else f"0: {words['none']}"
+        return self._gui.add_number(label, shown, min=low, max=high, step=step, hint=hint)
 
-    def choice(
-        self, name: str, label: str, options: Mapping[str, Any], value: Any, hint: str | None = None
-    ) -> None:
-        """Add a choice among words that stand for values."""
-        self._words[name] = dict(options)
-        word = next(w for w, v in options.items() if v == value)
-        field = self._gui.add_dropdown(label, tuple(options), initial_value=word, hint=hint)
-        self._add(name, label, field)
-
-    def tick(self, name: str, label: str, value: bool, hint: str | None = None) -> None:
-        """Add a tick box."""
-        self._add(name, label, self._gui.add_checkbox(label, value, hint=hint))
-
-    def on_change(self, call: Callable[[str, Event], None]) -> None:
-        """Call ``call(name, event)`` when a user changes a field; our own writes are ignored."""
-        for name, field in self._fields.items():
-            on_change(field, partial(call, name))
+    def _slider(self, words: Mapping[str, Any], _options: Mapping[str, Any], shown: Any) -> Any:
+        low, high, step = form_range(words)
+        return self._gui.add_slider(heading(words), low, high, step, shown, hint=words["hint"])
 
     def values(self, *names: str) -> dict[str, Any]:
-        """Return what the fields hold (all, or those named)."""
-        wanted = names or tuple(self._fields)
-        return {name: self.value(name) for name in wanted}
+        """Return the values of the fields (all, or those named)."""
+        return {name: self.value(name) for name in names or self._rows}
 
     def value(self, name: str) -> Any:
-        """Return what a field holds."""
-        value = self._fields[name].value
-        return self._words[name][value] if name in self._words else value
+        """Return the value of a field."""
+        return self._rows[name].read()
 
     def show(self, values: Mapping[str, Any]) -> None:
-        """Write values into the fields, without sending anything."""
+        """Write values into the rows, without sending anything."""
         for name, value in values.items():
-            if name in self._words:
-                value = next((w for w, v in self._words[name].items() if v == value), None)
-            if value is not None:
-                self._fields[name].value = value
+            self._rows[name].show(value)
 
     def enable(self, enabled: bool) -> None:
-        """Let the fields be changed, or not."""
-        for field in self._fields.values():
-            field.disabled = not enabled
+        """Let the rows be changed, or not."""
+        for row in self._rows.values():
+            row.widget.disabled = not enabled
+
+
+class SettingsForm(Form):
+    """Rows of a message that is sent at each change, and that show what the session holds."""
+
+    def __init__(
+        self,
+        gui: Any,
+        context: PanelContext,
+        kind: Callable[..., Any],
+        held: Callable[[Session], Any],
+        *names: str,
+        make: Make | None = None,
+        show: Show | None = None,
+    ) -> None:
+        """Add the rows of a message.
+
+        Args:
+            gui: Where they are added.
+            context: Through which the message is sent.
+            kind: The message.
+            held: Returns the settings that a session holds in its place.
+            names: Of the fields, as for ``of``.
+            make: Returns the message from the settings and the values, where it has further fields.
+            show: Returns what the rows show of the settings, where they are not their fields.
+        """
+        super().__init__(gui, self._send)
+        self._context, self._kind, self._held = context, kind, held
+        self._make, self._show = make, show
+        self._settings: Any = held(Session())
+        self.add(*names)
+
+    def add(self, *names: str) -> None:
+        """Add rows of the message, as for ``of``."""
+        self.of(self._kind, *names, **self._shown())
+
+    def _shown(self) -> Mapping[str, Any]:
+        held = self._settings
+        if self._show is not None:
+            return self._show(held)
+        return {name: getattr(held, name) for name in limits_of(self._kind) if hasattr(held, name)}
+
+    def _send(self, name: str, event: Event) -> None:
+        self._context.send_debounced(self, self._message, event)
+
+    def _message(self) -> Any:
+        values = self.values()
+        return self._kind(**values) if self._make is None else self._make(self._settings, values)
+
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
+        """Write what the session holds into the rows where it has changed or was refused."""
+        self.enable(not new.busy)
+        if changed(old, new, "session.setup", "refused"):
+            self._settings = self._held(new.session)
+            self.show({name: v for name, v in self._shown().items() if name in self._rows})
+
+
+def form_range(words: Mapping[str, Any]) -> tuple[float, float, float]:
+    """Return minimum, maximum and step of a row; 0 stands for null where that means something."""
+    low, high, step = words["minimum"], words["maximum"], words["step"]
+    if words.get("percent"):
+        return 100.0 * low, 100.0 * high, 100.0 * step
+    return min(low, 0.0) if "none" in words else low, high, step
+
+
+def _options(words: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the labels of a choice with their values; none where the field is no choice."""
+    if "offered" in words:
+        numbers = {f"{value:g} {words['unit']}": value for value in words["offered"]}
+        return {words["none"]: None, **numbers}
+    return {label: value for value, label in words.get("labels", {}).items()}
+
+
+def _shown(value: Any, words: Mapping[str, Any], options: Mapping[str, Any]) -> Any:
+    """Return what a widget shows for a value; None where it cannot show it."""
+    if options:
+        return next((label for label, option in options.items() if option == value), None)
+    if value is None:
+        return 0.0 if "none" in words else None
+    return round(100.0 * value, 7) if words.get("percent") else value

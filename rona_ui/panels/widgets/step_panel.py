@@ -1,10 +1,17 @@
-"""Base class of the step panels, and the verdicts of the figures of a step."""
+"""Base class of the step panels; notes of judgements and of the figures of a step."""
 
 from typing import Any, ClassVar
 
+from rona_core.app.declarations.declarations import Judgement as InputJudgement
+from rona_core.app.declarations.declarations import Message
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.overview.acceptance import Judgement, QualityRow, judgement, quality_rows
-from rona_core.app.overview.pending_figures import pending_figures
+from rona_core.app.overview.acceptance import (
+    Judgement,
+    QualityRow,
+    judgement,
+    pending_figures,
+    quality_rows,
+)
 from rona_core.errors import InvalidInputError
 from rona_core.session.memo import Memo
 from rona_ui.panels.widgets import style
@@ -48,6 +55,33 @@ def missed_note(found: Judgement) -> str:
     return style.note(f"{icon} {word}. {'. '.join(lines)}.", "warn")
 
 
+class JudgementNote:
+    """A judgement in words, and the button that sends the message of its remedy."""
+
+    def __init__(self, gui: Any, context: PanelContext) -> None:
+        self._html = gui.add_html("")
+        self._message: Message | None = None
+        self._button = context.send_button(
+            gui, "Remedy", "tool", lambda: self._message, visible=False
+        )
+
+    def show(
+        self, words: str, found: InputJudgement, *, busy: bool, kind: str | None = None
+    ) -> None:
+        """Show ``words`` about something, and offer what mends it; no button while it is missing.
+
+        What is missing has a button of its own beside the note. ``kind`` is that of the note, where
+        the state does not say it.
+        """
+        self._html.content = style.note(words, style.BOXES[found.state] if kind is None else kind)
+        remedy = None if found.state == "missing" else found.remedy
+        self._message = None if remedy is None else remedy.message
+        self._button.visible = self._message is not None
+        self._button.disabled = busy
+        words = "" if remedy is None or remedy.message is None else remedy.words
+        self._button.label = style.sentence(words) or "Remedy"
+
+
 class StepPanel:
     """Fields of one step; subclasses say what they are and what the primary button sends."""
 
@@ -55,7 +89,6 @@ class StepPanel:
     explanation: ClassVar[str] = ""
     activity: ClassVar[str] = ""  # that the primary button starts, where it records something
     start: ClassVar[str | None] = None  # words of the primary button; None: the step has none
-    seen_first: ClassVar[bool] = False  # it is not started from the step before
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
         self.gui, self.context = gui, context

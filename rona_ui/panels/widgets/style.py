@@ -19,7 +19,14 @@ VERDICTS = {
     "fail": ("✖", "fail", "#b00020"),
     "none": ("", "", MUTED),
 }
-BOXES = {"good": "good", "weak": "", "bad": "warn", "stale": "warn"}  # state -> kind of note
+BOXES = {  # state of a judgement -> kind of note
+    "usable": "good",
+    "weak": "",
+    "missing": "",
+    "stale": "warn",
+    "blocked": "warn",
+    "bad": "warn",
+}
 
 
 def tag(name: str, text: object, css_class: str = "") -> str:

@@ -1,4 +1,4 @@
-// Guided demo: the whole procedure on a virtual patient, one message after the other, with captions.
+// Guided demo: the whole procedure on a virtual patient, one stage after the other, with captions.
 
 import { $, API, ask, program, say, send, trying } from "../base.js";
 import { register } from "../commands/commands.js";
@@ -55,9 +55,9 @@ async function ready(mine) {
   while (still(mine) && !(link.view?.session === mine.session && link.view.ready)) await sleep(LOOK_MS);
 }
 
-// Do one message; throw where it is refused or fails.
-async function carryOut(mine, { kind, message }) {
-  const sent = await (await send("POST", `/sessions/${mine.session}/${kind}/${message}`, {})).json();
+// Send one message with its fields; throw where it is refused or fails.
+async function carryOut(mine, { kind, name, arguments: fields }) {
+  const sent = await (await send("POST", `/sessions/${mine.session}/${kind}/${name}`, fields)).json();
   if (kind === "commands") return;
   for (let job = sent; still(mine); await sleep(LOOK_MS)) {
     job = await ask(`/jobs/${job.id}`);
@@ -67,24 +67,41 @@ async function carryOut(mine, { kind, message }) {
   }
 }
 
-async function play(mine, messages) {
+// The stage to be done now; null where all are. Those in `left` are passed over.
+const nextOf = (mine, left) => ask(`/sessions/${mine.session}/next?${left.map((name) => `skip=${name}`).join("&")}`);
+
+async function play(mine) {
   await ready(mine);
-  for (const [index, each] of messages.entries()) {
-    if (!still(mine)) return;
-    docked(each.step)?.click();
-    const title = docked(each.step)?.textContent.replace(/^Step \d+: /, "") ?? each.step;
-    caption(CAPTIONS[each.message] ?? "", `${index + 1} of ${messages.length} · ${title}`);
+  const stages = (await ask(`/sessions/${mine.session}/procedure`)).map((stage) => stage.name);
+  const left = []; // offered stages that failed
+  for (let stage = await nextOf(mine, left); stage && still(mine); stage = await nextOf(mine, left)) {
+    docked(stage.step)?.click();
+    const title = docked(stage.step)?.textContent.replace(/^Step \d+: /, "") ?? stage.title;
+    const place = `${stages.indexOf(stage.name) + 1} of ${stages.length} · ${title}`;
+    caption(CAPTIONS[stage.message?.name] ?? stage.reason, place);
     await read(mine);
-    try {
-      if (still(mine)) await carryOut(mine, each);
-    } catch (error) {
-      if (!still(mine)) return;
-      if (!each.may_be_left_out) return end(`The demo ends here: ${error.message}. All that was done is kept.`, false);
-      caption(`This part is left out: ${error.message}`, `${index + 1} of ${messages.length} · ${title}`);
-      await read(mine);
-    }
+    if (!still(mine)) return;
+    const reason = await attempt(mine, stage, left);
+    if (!still(mine)) return;
+    if (reason === null) continue;
+    if (!stage.offered) return end(`The demo ends here: ${reason}. All that was done is kept.`, false);
+    left.push(stage.name);
+    caption(`This part is left out: ${reason}`, place);
+    await read(mine);
   }
   if (still(mine)) end("Done. The report holds maps, figures beside their limits and the certificate. Look round: every step stays open.", true);
+}
+
+// Carry out one stage; return why it is not done then, or null.
+async function attempt(mine, stage, left) {
+  if (!stage.message) return stage.reason;
+  try {
+    await carryOut(mine, stage.message);
+  } catch (error) {
+    return error.message;
+  }
+  const after = await nextOf(mine, left);
+  return after?.name === stage.name ? after.reason : null;
 }
 
 function end(words, whole) {
@@ -95,7 +112,6 @@ function end(words, whole) {
 }
 
 async function begin() {
-  const { messages } = await ask("/procedure");
   let session = null;
   await leaveFor("start the guided demo", async () => {
     session = (await (await send("POST", "/sessions", { name: NAME })).json()).id;
@@ -110,7 +126,7 @@ async function begin() {
   $("guide").hidden = false;
   const mine = tour;
   try {
-    await play(mine, messages);
+    await play(mine);
   } catch (error) {
     if (still(mine)) end(`The demo ends here: ${error.message}.`, false);
   }

@@ -7,15 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from rona_core.app.overview.acceptance import FIGURES
-from rona_core.app.procedure import IMPLANT, PROCEDURE, WITHOUT_REFERENCES
+from rona_core.app.declarations.figures import FIGURES
+from rona_core.app.procedure import PROCEDURE
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.compose import DemoSkull, new_workbench
 from rona_core.devices.world_settings import WorldSettings
 from rona_core.errors import DegenerateGeometryError
 from rona_core.session.document import Session, Setup
 from rona_core.session.files import load_session, save_session
-from rona_core.session.migrate import SCHEMA
+from rona_core.session.members import SCHEMA
 from rona_ui.cli import demo, main
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -71,10 +71,13 @@ def test_demo_passes_everything_on(run_demo, capsys, tmp_path):
         "skull": DemoSkull(str(bone), str(inner), 300.0, (1.0, -2.0, 3.5), 20.0, 2),
         "robot": "rx90",
         "world": WorldSettings("hard"),
-        "messages": PROCEDURE + IMPLANT,
+        "probe": "2.25MHz",
+        "among": PROCEDURE,
     }
-    assert main([*arguments, "--no-reference-points"]) == 0
-    assert asked["messages"] == WITHOUT_REFERENCES + IMPLANT
+    assert main([*arguments, "--probe", "1MHz", "--skip", "caliper", "--skip", "gaps"]) == 0
+    assert asked["probe"] == "1MHz"
+    left = [stage for stage in PROCEDURE if stage.name not in ("caliper", "gaps")]
+    assert asked["among"] == tuple(left)
 
 
 def test_demo_prints_one_json_object(run_demo, capsys):
@@ -108,7 +111,7 @@ def test_a_procedure_that_cannot_finish_says_so(run_demo, capsys, json_wanted):
     if json_wanted:
         assert json.loads(out)["failed_step"] == "roll"
     else:
-        assert "not completed: step roll: no roll works" in out
+        assert "ended at stage roll: no roll works" in out
 
 
 def test_demo_saves_the_session(run_demo, capsys, tmp_path):
@@ -128,6 +131,8 @@ def test_bad_input_is_one_line_and_status_2(run_demo, capsys, tmp_path, monkeypa
     nothing = ["demo", "--specimen", __file__, "--threshold", "nan"]
     assert "--threshold" in refused(capsys, nothing)
     assert "nominal, realistic, hard" in refused(capsys, ["demo", "--world", "calm"])
+    assert "2.25MHz, 1MHz, not 5MHz" in refused(capsys, ["demo", "--probe", "5MHz"])
+    assert "gauge, gaps" in refused(capsys, ["demo", "--skip", "roll"])
     assert run_demo[0] == {}, "nothing has been started"
     assert "there is no session file" in refused(capsys, ["inspect", str(tmp_path / "absent")])
     damaged = tmp_path / "damaged.rona"
@@ -213,18 +218,17 @@ def test_serve_refuses_what_is_not_safe(capsys):
         assert "--sessions" in refused(capsys, ["serve", "--sessions", nowhere])
 
 
-def test_it_runs_as_a_module_and_help_names_units():
-    def run(*arguments):
-        return subprocess.run(
-            [sys.executable, "-m", "rona_ui", *arguments],
-            capture_output=True,
-            text=True,
-            check=False,
-            cwd=ROOT,
-        )
-
-    shown = run("demo", "--help")
-    assert shown.returncode == 0
+def test_it_runs_as_a_module_and_help_names_units(capsys):
+    shown = subprocess.run(
+        [sys.executable, "-m", "rona_ui", "demo", "--help"],
+        capture_output=True,
+        text=True,
+        check=True,
+        cwd=ROOT,
+    )
     assert " mm" in shown.stdout
-    assert run("--version").stdout.startswith("rona ")
-    assert run().returncode == 2
+    for arguments, status in ((["--version"], 0), ([], 2)):
+        with pytest.raises(SystemExit) as ended:
+            main(arguments)
+        assert ended.value.code == status
+    assert capsys.readouterr().out.startswith("rona ")

@@ -66,6 +66,7 @@ def test_markers_with_and_without_geometry(put, capsys, method):
     )
 
 
+@pytest.mark.slow
 def test_twenty_thousand_rows(put, capsys):
     made, _ = poses(n=20_000, sigma_mm=0.2)
     assert asked(capsys, put(rows_file(made)))["n_used"] > 19_000

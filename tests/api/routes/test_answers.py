@@ -19,7 +19,6 @@ from rona_ui.api.routes import (
     commands,
     events,
     files,
-    implant,
     jobs,
     maps,
     operator,
@@ -260,7 +259,7 @@ def test_a_stream_is_open_before_its_first_event():
 
 
 def test_every_route_answers_from_a_thread():
-    parts = (sessions, files, recovery, commands, jobs, results, maps, implant, events)
+    parts = (sessions, files, recovery, commands, jobs, results, maps, events)
     parts += (tracker, robot, probe, operator)
     routers = [*(part.router for part in parts), sessions.files]
     routers += [commands.declared_commands(), jobs.declared_jobs()]

@@ -2,7 +2,7 @@
 
 from rona_core.app.procedure import run_procedure
 from rona_core.app.steps.setup.messages import SetRegion, SetWorld
-from tests.app.scan.test_watched_head import SMALL
+from tests.app.scan.test_watched_head import TO_SCAN
 
 
 def test_the_head_of_each_capture_is_told(web, session, at):
@@ -10,7 +10,7 @@ def test_the_head_of_each_capture_is_told(web, session, at):
     bench = web.hub.get(session)
     bench.dispatch(SetWorld(profile="nominal", head_drift_mm=0.3))
     bench.dispatch(SetRegion(radius_mm=12.0))
-    assert run_procedure(bench, messages=SMALL[:7]).failed_step is None
+    assert run_procedure(bench, TO_SCAN).failed_step is None
     told = at("GET", "/robot/head").json()
     assert [shift["capture"] for shift in told["shifts"]] == ["surface", "path", "scan"]
     scan = told["shifts"][-1]

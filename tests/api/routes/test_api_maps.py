@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import trimesh
 
+from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.steps.maps.accuracy import drawn_maps
 from rona_core.app.steps.maps.comparison import compare_maps
-from rona_core.app.steps.maps.export import export_maps
 from rona_core.app.steps.maps.volume import echo_volume
 from tests.scenes.map_ct import ct_of
 
@@ -87,7 +87,7 @@ def test_draws_of_no_maps_are_refused(at):
 def test_an_exported_file_is_the_one_that_a_script_gets(web, client, demo, at):
     answer = client.get(f"/sessions/{demo}/export/bone.stl")
     assert answer.status_code == 200, answer.text
-    assert answer.content == export_maps(web.hub.get(demo).session, "bone.stl")
+    assert answer.content == REGISTRY.export(web.hub.get(demo).session, "bone.stl")
     assert 'filename="bone.stl"' in answer.headers["content-disposition"]
     answer = client.get(f"/sessions/{demo}/export/bone.stp")
     assert (answer.status_code, answer.json()["code"]) == (404, "not_found")
@@ -96,37 +96,58 @@ def test_an_exported_file_is_the_one_that_a_script_gets(web, client, demo, at):
     assert (answer.status_code, answer.json()["code"]) == (409, "step_blocked")
 
 
+def compared(web, client, demo, name, data, **options):
+    """Upload a reference, compare the maps with it, and return how the job stands at its end."""
+    client.post(f"/sessions/{demo}/uploads", params={"name": name}, content=data)
+    body = {"file": name, **options}
+    answer = client.post(f"/sessions/{demo}/jobs/StartComparison", json=body)
+    assert answer.status_code == 202, answer.text
+    web.hub.get(demo).jobs.wait(answer.json()["id"], 120)
+    return client.get(f"/jobs/{answer.json()['id']}").json()
+
+
 def test_maps_are_compared_with_the_true_bone_and_with_a_file(web, client, demo, at):
     path = f"/sessions/{demo}/maps/comparison"
-    told = client.get(path).json()
-    assert (told["reference"], told["registration"]) == ("true bone", None)
-    rows = {row["name"]: row for row in told["figures"]}
+    truth = client.get(path).json()
+    assert (truth["reference"], truth["registration"]) == ("true bone", None)
+    rows = {row["name"]: row for row in truth["figures"]}
     assert 0.0 < rows["outer"]["rms_mm"] < 0.5
-    mesh = export_maps(web.hub.get(demo).session, "bone.ply")
-    answer = client.post(path, params={"name": "bone.ply", "register": "surface"}, content=mesh)
-    assert answer.status_code == 200, answer.text
-    told = answer.json()
+    mesh = REGISTRY.export(web.hub.get(demo).session, "bone.ply")
+    found = compared(web, client, demo, "bone.ply", mesh, register="surface")["result"]
     wanted = compare_maps(web.hub.get(demo).session, mesh, "bone.ply", "surface")
-    assert told["figures"][0]["rms_mm"] == pytest.approx(wanted.figures[0].rms_mm, abs=1e-9)
-    np.testing.assert_allclose(told["registration"]["T_base_mesh"], np.eye(4), atol=0.1)
+    assert found["reference"] == "bone.ply"
+    assert found["figures"][0]["rms_mm"] == pytest.approx(wanted.figures[0].rms_mm, abs=1e-9)
+    np.testing.assert_allclose(found["registration"]["T_base_mesh"], np.eye(4), atol=0.1)
     ct = ct_of(web.hub.get(demo).session.results.maps.value)
-    assert client.post(path, params={"name": "head.nii"}, content=ct).status_code == 422
-    answer = client.post(path, params={"name": "head.nii", "threshold": 750}, content=ct)
-    assert answer.json()["figures"][0]["p95_mm"] < 0.06
+    refused = compared(web, client, demo, "head.nii", ct)
+    assert (refused["state"], refused["error_code"]) == ("failed", "invalid_input")
+    assert "give the threshold" in refused["error"]
+    found = compared(web, client, demo, "head.nii", ct, threshold=750)["result"]
+    assert found["figures"][0]["p95_mm"] < 0.06
     assert at("GET", "/maps/comparison").json()["code"] == "step_blocked"
+    answer = at("POST", "/jobs/StartComparison", json={"file": "bone.ply"})
+    assert (answer.status_code, answer.json()["code"]) == (409, "step_blocked")
 
 
 @pytest.mark.parametrize(
-    ("wanted", "words"),
+    ("name", "options", "words"),
     [
-        ({"name": "bone.gif"}, "expected one of"),
-        ({"name": "bone.ply", "register": "points"}, "points in both frames"),
-        ({"name": "bone.ply", "register": "points", "points_base": "1,2"}, "x,y,z"),
-        ({"name": "bone.ply", "register": "magic"}, "surface"),
+        ("bone.gif", {}, "expected one of"),
+        ("ball.ply", {"register": "points"}, "points in both frames"),
+        ("ball.ply", {"register": "points", "points_base_mm": [[1, 2, 3]] * 3}, "points"),
+        ("ball.ply", {}, "is it in the frame of the robot's base?"),
     ],
 )
-def test_a_comparison_that_cannot_be_is_refused_by_name(client, demo, wanted, words):
+def test_a_comparison_that_cannot_be_is_refused_by_name(web, client, demo, name, options, words):
     ball = trimesh.creation.icosphere(subdivisions=1, radius=50.0).export(file_type="ply")
-    answer = client.post(f"/sessions/{demo}/maps/comparison", params=wanted, content=ball)
-    assert answer.status_code == 422
-    assert words in answer.text
+    refused = compared(web, client, demo, name, ball, **options)
+    assert (refused["state"], refused["result"]) == ("failed", None)
+    assert refused["error_code"] in ("invalid_input", "degenerate_geometry")
+    assert words in refused["error"]
+
+
+def test_a_comparison_with_what_was_not_uploaded_says_so(web, client, demo):
+    started = client.post(f"/sessions/{demo}/jobs/StartComparison", json={"file": "none.ply"})
+    ended = web.hub.get(demo).jobs.wait(started.json()["id"], 60)
+    assert (ended.state, ended.error_code) == ("failed", "not_found")
+    assert "upload it first" in ended.error

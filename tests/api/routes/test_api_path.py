@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-FILE = Path(__file__).parents[2] / "contract" / "sessions" / "schema_1.rona"
+FILE = Path(__file__).parents[2] / "sessions" / "path.rona"
 FIRST = (
     ("RegisterTool", {"method": "paper"}),
     ("CalibratePointer", {"method": "sphere"}),
@@ -27,6 +27,36 @@ def address(client):
 
 def smoothing(client, address):
     return client.get(f"{address}/results/smoothing").json()["results"]["smoothing"]["value"]
+
+
+@pytest.mark.parametrize("metric", ["k1", "k2", "k3"])
+@pytest.mark.parametrize("method", ["optimal", "fast", "greedy", "rdp"])
+def test_every_metric_is_answered_with_the_method_that_was_used(
+    client, address, monkeypatch, metric, method
+):
+    monkeypatch.setattr("rona_core.path.simplification.simplify.MAX_WORK", 1e3)  # a long path
+    body = {"metric": metric, "method": method}
+    answer = client.post(f"{address}/commands/SmoothScanPath", json=body)
+    assert answer.status_code == 200, answer.text
+    found = smoothing(client, address)["simplified"]
+    assert found["metric"] == metric
+    assert found[{"k1": "k1_mm", "k2": "k2_mm", "k3": "k3_mm2"}[metric]] <= 1.0 + 1e-9
+    replaced = metric != "k1" and method in ("optimal", "fast")
+    assert (f"greedy in place of {method}" in found["rule"]) == replaced
+    assert found["method"] == "greedy" or not replaced
+
+
+def test_the_path_of_the_demo_session_is_smoothed_by_root_mean_square(client):
+    demo = client.post("/sessions/demo").json()["id"]
+    try:
+        body = {"metric": "k2"}  # all else as it is by default
+        answer = client.post(f"/sessions/{demo}/commands/SmoothScanPath", json=body)
+        assert answer.status_code == 200, answer.text
+        found = smoothing(client, f"/sessions/{demo}")["simplified"]
+        assert (found["method"], found["exact"]) == ("greedy", False)
+        assert found["k2_mm"] <= 1.0 + 1e-9
+    finally:
+        client.delete(f"/sessions/{demo}")
 
 
 def test_points_of_the_path_are_moved_and_taken_back_over_rest(client, address):

@@ -6,6 +6,7 @@ import re
 
 import pytest
 
+from rona_core import __version__
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.session.codec import digest
 from rona_core.session.files import load_session
@@ -29,11 +30,10 @@ GET /sessions/{session_id}/calibration/{step}; GET /sessions/{session_id}/ascans
 GET /sessions/{session_id}/quality; GET /sessions/{session_id}/report
 GET /sessions/{session_id}/volume
 GET /sessions/{session_id}/maps/draws; GET /sessions/{session_id}/maps/comparison
-POST /sessions/{session_id}/maps/comparison; GET /sessions/{session_id}/export/{name}
-GET /sessions/{session_id}/bed/path; GET /sessions/{session_id}/bed/stl
-GET /sessions/{session_id}/bed/motion; PUT /sessions/{session_id}/picture
-GET /sessions/{session_id}/bed/markups
-GET /files; GET /files/{file}/picture; GET /procedure
+GET /sessions/{session_id}/export/{name}
+PUT /sessions/{session_id}/picture
+GET /files; GET /files/{file}/picture; GET /sessions/{session_id}/procedure
+GET /sessions/{session_id}/next
 GET /sessions/{session_id}/events
 POST /sessions/{session_id}/replay; GET /jobs; GET /jobs/{job_id}; DELETE /jobs/{job_id}
 GET /jobs/{job_id}/events; GET /status; GET /status/events
@@ -411,11 +411,14 @@ def test_a_new_session_has_ten_steps_and_nothing_in_them(at):
 def test_figures_without_results_have_no_value_and_no_verdict(at):
     rows = at("GET", "/quality").json()
     assert {row["key"] for row in rows} >= {"tool_tip_error_mm", "surface_rms_mm", "outer_rms_mm"}
-    assert {(row["value"], row["verdict"]) for row in rows} == {(None, "none")}
+    figures = [row for row in rows if row["section"] != "The run as a whole"]
+    assert {(row["value"], row["verdict"]) for row in figures} == {(None, "none")}
+    assert all(row["says"] for row in rows)
 
 
 def test_replay_of_nothing_is_the_same(session, replayed):
-    assert replayed(session) == {"same": True, "results": []}
+    found = replayed(session)
+    assert found == {"same": True, "version": __version__, "by_version": [], "results": []}
 
 
 def test_the_program_says_how_it_is(client, session):

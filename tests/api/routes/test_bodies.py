@@ -59,6 +59,7 @@ def test_a_body_over_the_limit_of_its_route_is_refused_before_it_is_sent(client,
     assert client.get(f"/sessions/{session}").json() == before  # nor was anything done first
 
 
+@pytest.mark.sweep(12)
 @EACH_ROUTE
 def test_a_body_without_a_length_is_cut_off_at_the_limit(client, session, method, path, kind):
     limit = body_bytes(kind) if kind in MESSAGES.values() and "/robot" not in path else BODY_BYTES
@@ -146,6 +147,7 @@ def test_a_list_without_a_length_is_refused_when_the_program_starts():
         body_bytes(Endless)
 
 
+@pytest.mark.sweep(12)
 @EACH_ROUTE
 def test_a_refusal_names_few_places_and_sends_nothing_long_back(
     client, session, method, path, kind
@@ -175,6 +177,7 @@ def test_addresses_and_names_are_not_sent_back_whole(client, session):
         assert len(answer.content) < SMALL_BYTES
 
 
+@pytest.mark.sweep(12)
 @EACH_ROUTE
 def test_a_key_that_stands_twice_is_refused_and_named(client, session, method, path, kind):
     before = client.get(f"/sessions/{session}").json()

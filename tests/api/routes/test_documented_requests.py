@@ -10,7 +10,6 @@ from urllib.parse import quote
 import pytest
 
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.steps.maps.export import NAMES
 from tests.helpers.documented_requests import documented
 
 STREAMS = ("/stream", "/events")
@@ -24,6 +23,7 @@ BODIES = {  # of requests whose pages leave them out, by the end of the path
     "/save": {"file": "documented", "replace": True},
     "/settings": {},
     "/robot/contact": {},
+    "/jobs/StartComparison": {"file": "bone.stl"},
 }
 FILES = ("documented.rona", "reloaded.rona")
 NOT_NOW = {  # what the pages say is refused in a state like this one
@@ -91,7 +91,7 @@ def addresses(request, session, job):
     if "{step}" in path:
         return [path.replace("{step}", f"{step}?max_points=2") for step in REGISTRY.listed]
     if "{name}" in path:
-        return [path.replace("{name}", quote(name)) for name in NAMES]
+        return [path.replace("{name}", quote(name)) for name in REGISTRY.exports]
     assert not re.search(r"[{}…]", path), f"{request.page}: what does {request.path} stand for?"
     return [path]
 
@@ -144,8 +144,6 @@ def body_for(client, session, request, bare):
         return {"content": POSES}
     if bare.endswith("/sessions/upload"):
         return {"content": client.get(f"/sessions/{session}/file").content}
-    if bare.endswith("/maps/comparison"):
-        return {"content": client.get(f"/sessions/{session}/export/bone.stl").content}
     if bare.endswith("/robot/move"):
         return {
             "json": {
@@ -156,17 +154,6 @@ def body_for(client, session, request, bare):
         headers = {"Content-Type": "application/json"}
         return {"content": request.body.encode(), "headers": headers}
     return {"json": next((v for k, v in BODIES.items() if bare.endswith(k)), None)}
-
-
-def test_every_capture_and_every_result_has_a_route(client, demo):
-    shown = {"captures": set(), "results": set()}
-    for step in REGISTRY.listed:
-        answer = client.get(f"/sessions/{demo}/results/{step}", params={"max_points": 2})
-        assert answer.status_code == 200, step
-        for kind, names in shown.items():
-            names.update(answer.json()[kind])
-    assert shown["captures"] == set(REGISTRY.captures)
-    assert shown["results"] == {result.name for step in REGISTRY.steps for result in step.results}
 
 
 def test_the_pages_speak_of_requests():

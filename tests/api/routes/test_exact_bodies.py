@@ -52,6 +52,7 @@ def wrong_values(hint):
     return [(value, "") for value in WRONG[hint]]
 
 
+@pytest.mark.sweep(12)
 @pytest.mark.parametrize(
     ("method", "path", "kind"), ROUTES, ids=lambda v: getattr(v, "__name__", v)
 )

@@ -12,17 +12,19 @@ from random import Random
 import pytest
 
 from rona_core.app.declarations.registry import REGISTRY
+from rona_core.app.messages.serialization import message_from
 from rona_core.app.runtime.jobs import Jobs
-from rona_core.devices.limits import limits_of
-from rona_core.errors import DeviceError
-from tests.helpers.schema_values import bodies, numbers, outside, valid
+from rona_core.devices.limits import limits_of, meaning
+from rona_core.errors import DeviceError, RonaError
+from tests.helpers.schema_values import bodies, numbers, outside, valid, whole
 
 COUNT = 1500
+NUMERIC = ("number", "integer")
 NAME = "a file name may have 200 bytes"  # a schema counts characters
 LENGTH = "must have length 1"
 # name of the route -> how it is refused, and the fields whose descriptions say so
 RULES = {
-    "AddReferencePoint": ("either which A-scan", ["scan"]),
+    "AddReferencePoint": ("either which A-scan", ["scan", "place_base_mm"]),
     "StartProbeSweep": (
         "cells are too many",
         ["probes", "excitations", "snr_db", "thickness_mm"],
@@ -30,7 +32,7 @@ RULES = {
     "CorrectBoundary": ("give exactly one", ["outer_us", "inner_us", "remove"]),
     "ClearBoundaryCorrections": ("a number needs the scan", ["number"]),
     "StartHandheldScan": ("duration_s times rate_hz", ["duration_s", "rate_hz"]),
-    "StartRollSearch": ("must lie below", ["roll_from_deg", "roll_to_deg"]),
+    "StartRollSearch": ("roll_to_deg must be", ["roll_to_deg"]),
     "StartBasePlacement": (
         "places are too many",
         ["half_x_mm", "half_y_mm", "step_mm", "levels_mm"],
@@ -118,6 +120,44 @@ def test_the_settings_that_are_read_have_the_limits_of_those_that_are_written(do
             assert there[name] == here[name], (read, name)
 
 
+def test_every_declared_number_has_its_range_label_and_unit_in_the_document(document):
+    schemas, count = document["components"]["schemas"], 0
+    for name, kind in REGISTRY.messages.items():
+        for field, words in limits_of(kind).items():
+            part = schemas[name]["properties"][field]
+            if "minimum" in words:
+                found = [(number["minimum"], number["maximum"]) for _, number in numbers(part)]
+                assert set(found) == {(words["minimum"], words["maximum"])}, (name, field)
+                count += 1
+            if "label" in words:
+                assert part["title"] == words["label"], (name, field)
+                unit = f"In {words['unit']}" if words.get("unit") else ""
+                said = part.get("description", "")
+                assert said == ". ".join(filter(None, (unit, meaning(words)))), (name, field)
+    assert count > 120
+
+
+@pytest.mark.parametrize("name", REGISTRY.messages)
+def test_every_number_is_taken_at_both_ends_of_its_range_and_refused_just_outside(document, name):
+    kind = REGISTRY.messages[name]
+    schema = whole(document["components"]["schemas"][name], document)
+    limits, needed = limits_of(kind), schema.get("required", ())
+    needed = {field: valid(schema["properties"][field], Random(1)) for field in needed}
+    for field, body in outside(schema, Random(1)):
+        if "minimum" in limits[field]:
+            with pytest.raises(RonaError, match=field):
+                message_from(name, body)
+    if any("rule" in words and "pattern" not in words for words in limits.values()):
+        return  # several fields go together: the slow test sends such bodies
+    tied = {words["above"][0] for words in limits.values() if "above" in words}
+    for field, words in limits.items():
+        if schema["properties"][field].get("type") in NUMERIC and not (
+            field in tied or "above" in words
+        ):
+            for end in (words["minimum"], words["maximum"]):
+                assert getattr(message_from(name, {**needed, field: end}), field) == end
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_what_is_valid_by_the_document_is_not_refused_for_what_it_holds(document, send, seed):
@@ -157,7 +197,7 @@ def test_the_rules_that_a_schema_cannot_say_are_these_and_described(document):
         fields = [
             name
             for name, part in schema["properties"].items()
-            if re.sub(r"^in \S+(; )?", "", part.get("description", ""))
+            if re.sub(r"^In \S+(\. )?", "", part.get("description", ""))
         ]
         said[path.rpartition("/")[2]] = fields
     for name, (_, fields) in RULES.items():

@@ -111,7 +111,7 @@ def test_the_whole_procedure_through_rest(client, web, tmp_path):
         PlanMilling(),
         RehearseMilling(),
     ]
-    assert {type(m) for _, m in PROCEDURE} < {type(m) for m in messages}
+    assert {type(stage.message) for stage in PROCEDURE} < {type(m) for m in messages}
     session = through_rest(client, messages)
     states = {s["name"]: s["state"] for s in client.get(f"/sessions/{session}/steps").json()}
     assert set(states.values()) == {"done"}

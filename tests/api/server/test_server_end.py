@@ -78,8 +78,15 @@ def all_gone(pids, timeout_s=60.0):
     return not left
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["ctrl-c", "term"])
-@pytest.mark.parametrize("busy", [False, True], ids=["idle", "busy"])
+@pytest.mark.parametrize(
+    ("busy", "number"),
+    [
+        pytest.param(True, signal.SIGTERM, id="busy-term"),
+        pytest.param(True, signal.SIGINT, id="busy-ctrl-c", marks=pytest.mark.slow),
+        pytest.param(False, signal.SIGTERM, id="idle-term", marks=pytest.mark.slow),
+        pytest.param(False, signal.SIGINT, id="idle-ctrl-c", marks=pytest.mark.slow),
+    ],
+)
 def test_it_ends_when_it_is_asked_to_whatever_is_under_way(program, number, busy):
     told, client = program
     if busy:
@@ -96,6 +103,7 @@ def test_it_ends_when_it_is_asked_to_whatever_is_under_way(program, number, busy
     assert all_gone(children)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("busy", [False, True], ids=["idle", "busy"])
 def test_nothing_outlives_it_when_it_is_killed(program, busy):
     told, client = program

@@ -21,6 +21,7 @@ from pathlib import Path
 import fastapi.applications
 import rona_core.app.runtime.session_registry as registry
 import rona_core.app.runtime.store as store
+import rona_core.app.steps.maps.comparison as comparison
 import rona_ui.api.problems as problems
 import rona_ui.api.routes.results as results
 from rona_core.app.steps.path.messages import PaintRegion
@@ -44,6 +45,8 @@ def gate(owner, attribute, name):
     setattr(owner, attribute, through)
 
 
+# a job process imports this program under another name
+gate(comparison, "read_triangles", "server" if __name__ == "__main__" else "reference")
 if __name__ == "__main__":
     gate(PaintRegion, "__post_init__", "validation")
     gate(results, "plain", "reading")
@@ -216,3 +219,32 @@ def test_stop_is_answered_before_a_job_has_ended(program):
     assert answered == [("stop", 200)]
     wait_for(lambda: program.client.get(f"/jobs/{job}").json()["finished"])
     assert program.client.get(f"/jobs/{job}").json()["state"] == "cancelled"
+
+
+@pytest.mark.slow
+def test_a_reference_is_read_in_a_job_process_which_cancel_ends(program):
+    """A reader that never returns: Stop is answered, and Cancel ends the job beside it."""
+    gates = [program.folder / name for name in ("reference", "server")]
+    client, answered = program.client, []
+    own = f"/sessions/{client.post('/sessions/demo').raise_for_status().json()['id']}"
+    mesh = client.get(f"{own}/export/bone.stl").content
+    client.post(f"{own}/uploads", params={"name": "bone.stl"}, content=mesh).raise_for_status()
+    for gate in gates:
+        gate.touch()
+    try:
+        started = client.post(f"{own}/jobs/StartComparison", json={"file": "bone.stl"})
+        wait_for(lambda: any(program.folder.glob("reference.*")))
+        assert not list(program.folder.glob("server.*"))
+        program.stop(answered)
+        assert answered == [("stop", 200)]
+        job = f"/jobs/{started.json()['id']}"
+        assert client.get(job).json()["state"] == "running"
+        client.delete(job).raise_for_status()
+        wait_for(lambda: client.get(job).json()["finished"])
+        assert client.get(job).json()["state"] == "cancelled"
+    finally:
+        for gate in gates:
+            gate.unlink()
+    again = client.post(f"{own}/jobs/StartComparison", json={"file": "bone.stl"}).json()
+    wait_for(lambda: client.get(f"/jobs/{again['id']}").json()["finished"])
+    assert client.get(f"/jobs/{again['id']}").json()["result"]["figures"][0]["rms_mm"] < 0.001

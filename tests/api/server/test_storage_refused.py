@@ -24,6 +24,7 @@ from rona_core.session.files import load_session, save_session, session_bytes, w
 from rona_ui.cli import export, main
 from rona_ui.resources import sessions_dir
 from rona_ui.viewer import bindings
+from tests.tools import structure
 
 REPOSITORY = Path(__file__).resolve().parents[3]
 WRITES = {"write_bytes", "write_text", "mkdir", "replace", "link", "mkstemp", "copy2", "fdopen"}
@@ -132,7 +133,7 @@ def test_every_place_that_writes_is_swept():
     found = set()
     for package in ("rona_core", "rona_ui"):
         for path in (REPOSITORY / package).rglob("*.py"):
-            if any(_writes(node) for node in ast.walk(ast.parse(path.read_text("utf-8")))):
+            if any(_writes(node) for node in ast.walk(structure.tree(path))):
                 found.add(str(path.relative_to(REPOSITORY)))
     assert found == set(PLACES)
     scenarios = {*SCENARIOS, "the sessions folder is tried", "the sessions folder is made"}
@@ -143,6 +144,8 @@ def test_every_place_that_writes_is_swept():
 
 def _writes(node):
     if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Attribute):
+        return False
+    if node.func.attr not in WRITES | {"open", "save"}:
         return False
     owner = ast.unparse(node.func.value)
     if node.func.attr == "replace":
@@ -247,7 +250,7 @@ def test_a_refusal_anywhere_says_cause_and_remedy(name, web, client, tmp_path, m
     temporary = tmp_path / "temporary"
     temporary.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(temporary))
-    monkeypatch.setattr(export, "export_maps", lambda session, name: b"maps")
+    monkeypatch.setattr(export.REGISTRY, "export", lambda session, name: b"maps")
     monkeypatch.setattr(subprocess, "run", found_nothing)  # of the process that reads: see below
     refusals = 0
     for kind in CALLS:

@@ -19,13 +19,7 @@ from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.compose import virtual_services
 from rona_core.errors import StepBlockedError
 from rona_core.session.codec import digest
-from rona_core.session.files import load_session, session_bytes, session_from_bytes
-from rona_ui.resources import demo_session
-
-
-@pytest.fixture(scope="module")
-def demo():
-    return load_session(demo_session())
+from rona_core.session.files import session_bytes, session_from_bytes
 
 
 @pytest.fixture(scope="module")

@@ -16,9 +16,6 @@ from rona_core.app.steps.surface.messages import StartSurfaceCapture
 from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.compose import virtual_services
 from rona_core.errors import CancelledError
-from rona_core.session.document import Session
-from rona_core.session.files import load_session
-from rona_ui.resources import demo_session
 
 AFTER_A_SCAN = (
     "detection_failure_fraction",
@@ -29,11 +26,6 @@ AFTER_A_SCAN = (
 )
 IN_THE_TOOL_MOTION = 400  # times that a capture has asked whether to stop, when poses come
 IN_THE_SCAN = 1500  # times that a scan has asked whether to stop, when A-scans come
-
-
-@pytest.fixture(scope="module")
-def demo() -> Session:
-    return load_session(demo_session())
 
 
 @pytest.fixture(scope="module")

@@ -26,7 +26,8 @@ from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.milling_tool import Spindle
 from rona_core.robot.planning.calibration_motion import ToolMotionSettings, plan_tool_motion
 from rona_core.robot.planning.plan_scan import PlanSettings, plan_scan
-from rona_core.robot.trajectory.trajectory import motion_digest
+from rona_core.robot.verification.tolerances import Tolerances
+from rona_core.robot.verification.verifier import verify_scan
 from rona_core.session.codec import digest
 from rona_core.session.document import Derived, Session, Setup
 from rona_ui.panels.roll.certificate import verdict
@@ -102,10 +103,9 @@ def test_too_small_a_patch_leaves_the_head_where_it_was_put():
 
 def test_surroundings_are_an_input_of_the_plan():
     session = Session()
-    assert (
-        REGISTRY.result("roll").inputs["obstacles"].read(session)
-        == session_obstacles(session).digest()
-    )
+    obstacles = REGISTRY.result("roll").inputs["obstacles"]
+    assert obstacles.counted(session) == session_obstacles(session).digest()
+    assert obstacles.read(session).digest() == obstacles.counted(session)
     wider = Session(setup=setup_with(margin_mm=30.0))
     assert digest(session_obstacles(wider)) != digest(session_obstacles(Session()))
 
@@ -145,11 +145,20 @@ def in_session(setup, plan):
     return replace(session, results=replace(session.results, roll=derived(plan)))
 
 
-def earlier(plan):
-    """The plan as files of earlier versions hold it: its certificate names the robot alone."""
-    motion, held = plan.trajectory, plan.certificate
-    named = motion_digest(held.model, motion.times_s, motion.qs_rad, held.obstacles)
-    return replace(plan, certificate=replace(held, robot="", digest=named))
+def test_a_scan_that_was_verified_with_other_tolerances_is_not_executed(plan):
+    free, made = plan
+    loose = Tolerances(position_mm=0.5)
+    motion, search = made.trajectory, made.search
+    around = session_obstacles(Session(setup=free))
+    speed = free.devices.robot.scan_speed_mm_per_s
+    certificate = verify_scan(RX90, motion, search.path, search.rolls_rad, speed, loose, around)
+    assert certificate.certified
+    session = in_session(free, replace(made, certificate=certificate))
+    assert session.results.roll.value.may_move
+    with pytest.raises(NotReachableError, match=r"other tolerances .*: plan again$"):
+        capture_scan(session, None)
+    assert "other tolerances" in plan_reason(session)
+    assert not certificate_view(session).certified
 
 
 OTHER_ROBOTS = {
@@ -173,27 +182,7 @@ def test_a_scan_is_executed_only_by_the_robot_it_was_certified_for(plan, what, m
     assert "plan again" in plan_reason(session)
     view = certificate_view(session)
     assert not view.certified
-    assert "another motion or robot. Plan again" in verdict(view, stale=False)
-
-
-def test_a_plan_of_an_earlier_version_is_verified_again_before_it_is_driven(plan, monkeypatch):
-    """It opens and is shown as before; whether the robot may drive it is found out anew."""
-    free, made = plan
-    session = in_session(free, earlier(made))
-    assert session.results.roll.value.may_move
-    assert plan_reason(session) is None
-    with pytest.raises(AttributeError):  # it is let through, to devices that are not there
-        capture_scan(session, None)
-    monkeypatch.setattr(captures, "robot_model", lambda _: OTHER_ROBOTS["longer"])
-    with pytest.raises(NotReachableError, match="distance from the path fails"):
-        capture_scan(session, None)
-    monkeypatch.setattr(captures, "robot_model", lambda _: OTHER_ROBOTS["slower"])
-    with pytest.raises(NotReachableError, match="joint speed fails"):
-        capture_scan(session, None)
-    lower = replace(free, surroundings=replace(free.surroundings, floor_mm=400.0))
-    monkeypatch.undo()
-    with pytest.raises(NotReachableError, match="clearance from the floor fails"):
-        capture_scan(in_session(lower, earlier(made)), None)
+    assert "another motion, robot or tolerances. Plan again" in verdict(view, stale=False)
 
 
 def test_every_other_motion_is_held_against_the_robot_that_is_to_drive_it():

@@ -26,7 +26,7 @@ from rona_core.app.steps.handheld.messages import (
     StartHandheldMapping,
     StartHandheldScan,
 )
-from rona_core.app.steps.implant.messages import PlanMilling, StartBedLines
+from rona_core.app.steps.implant.messages import StartBedLines
 from rona_core.app.steps.path.messages import StartPathCapture
 from rona_core.app.steps.pointer.messages import StartPointerCapture
 from rona_core.app.steps.roll.messages import StartBasePlacement, StartRollSearch
@@ -53,9 +53,8 @@ from rona_core.compose import virtual_services
 from rona_core.errors import RonaError
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
-from rona_ui.resources import demo_session
 from tests.helpers.derived import derived
+from tests.scenes import demo_parts
 
 NOTHING: frozenset[str] = frozenset()
 MAPS = frozenset(("maps", "bed", "lines", "milling"))
@@ -209,10 +208,9 @@ def bench_of(session, uploads):
 @pytest.fixture(scope="module")
 def session(tmp_path_factory):
     """The demo with everything that it lacks: lines, block, caliper, plan, scan by hand, place."""
-    bench = bench_of(load_session(demo_session()), tmp_path_factory.mktemp("uploads"))
+    bench = bench_of(demo_parts.demo(), tmp_path_factory.mktemp("uploads"))
     for activity in (
         StartBedLines(),
-        PlanMilling(),
         StartBasePlacement(half_x_mm=0.0, half_y_mm=0.0),
         StartCaliperMeasurements(n=3),
         StartHandheldCalibration(pivot_s=5.0, spin_s=8.0),
@@ -297,6 +295,7 @@ def test_a_field_makes_stale_what_is_declared_and_nothing_else(session, kind, na
     assert stale_in(after) == TABLE[kind][name][1] - {"line"}
 
 
+@pytest.mark.sweep(12)
 @pytest.mark.parametrize(("kind", "name"), ROWS, ids=lambda v: getattr(v, "__name__", v))
 def test_a_delay_line_counts_as_long_as_its_block_and_is_then_the_same(lined, kind, name):
     after = changed(lined, kind, name)
@@ -323,6 +322,7 @@ def values(session):
 GROUPS = sorted({TABLE[kind][name][1] for kind, name in ROWS}, key=sorted)
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize("group", GROUPS, ids=lambda group: f"{len(group)} stale")
 def test_what_stays_fresh_is_computed_bit_for_bit_the_same(session, values, group):
     after = session
@@ -333,6 +333,7 @@ def test_what_stays_fresh_is_computed_bit_for_bit_the_same(session, values, grou
     assert {name: value_of(after, name) for name in fresh} == {n: values[n] for n in fresh}
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     ("kind", "name"),
     [

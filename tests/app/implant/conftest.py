@@ -3,13 +3,6 @@
 import pytest
 
 from rona_core.compose import new_workbench
-from rona_core.session.files import load_session
-from rona_ui.resources import demo_session
-
-
-@pytest.fixture(scope="module")
-def demo():
-    return load_session(demo_session())
 
 
 @pytest.fixture

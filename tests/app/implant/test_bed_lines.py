@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.app.dependencies.requirements import blocked_reason
+from rona_core.app.dependencies.judge import blocked
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.messages.serialization import message_from
 from rona_core.app.steps.implant.bed_lines import bed_hearing, lines_verdict
@@ -16,13 +16,13 @@ from rona_core.compose import new_workbench
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.planning.further_lines.best_lines import best_lines
 from rona_core.session.document import Session
-from rona_core.session.files import load_session, session_bytes, session_from_bytes
-from rona_ui.resources import demo_session
+from rona_core.session.files import session_bytes, session_from_bytes
+from tests.scenes import demo_parts
 
 
 @pytest.fixture(scope="module")
 def bench():
-    made = new_workbench(load_session(demo_session()))
+    made = new_workbench(demo_parts.demo())
     made.run(StartBedLines())
     yield made
     made.close()
@@ -92,12 +92,12 @@ def test_they_become_stale_with_the_bed_and_need_one_that_lies_in_the_maps(bench
     bench.dispatch(PlaceBed(at.u_mm + 0.5, at.v_mm, lift_mm=1.0))
     assert "bed" in stale_reason("lines", bench.session)
     bench.dispatch(PlaceBed(-60.0, 0.0))
-    assert "both boundaries are mapped" in blocked_reason(StartBedLines, bench.session)
-    assert blocked_reason(StartBedLines, Session()) is not None
+    assert "both boundaries are mapped" in blocked(StartBedLines, bench.session).reason
+    assert blocked(StartBedLines, Session()) is not None
 
 
 def test_the_search_of_lines_can_be_cancelled():
-    bench = new_workbench(load_session(demo_session()))
+    bench = new_workbench(demo_parts.demo())
     with pytest.raises(CancelledError):
         bench.run(StartBedLines(), cancel=lambda: True)
     assert bench.session.results.get("lines") is None

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.app.dependencies.requirements import blocked_reason
+from rona_core.app.dependencies.judge import blocked, judge_part
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.runtime.recompute import replay
 from rona_core.app.steps.implant.burr.inputs import KNOWN_BURR
 from rona_core.app.steps.implant.burr.messages import RegisterBurr, StartBurrCapture
-from rona_core.app.steps.implant.burr.view import burr_view
+from rona_core.app.steps.implant.burr.view import burr_words
 from rona_core.app.steps.implant.derivation import execution_error
 from rona_core.app.steps.implant.messages import PlaceBed
 from rona_core.app.steps.implant.milling_derivation import milling_model
@@ -140,15 +140,15 @@ def test_a_bed_of_a_file_that_knew_of_no_burr_stays_fresh_until_there_is_one(dem
 
 def test_a_bad_or_stale_registration_is_not_used_and_says_so(demo, bench):
     assert KNOWN_BURR.read(demo) is burr_of(demo)
-    assert "corrected" in burr_view(demo).sentence
+    assert "corrected" in burr_words(demo)
     slipped = replace(burr_of(demo), verdict="bad", reasons=("the tip left its seat",))
     bad = demo.with_result("burr", replace(demo.results.get("burr"), value=slipped))
     assert KNOWN_BURR.read(bad) is None
-    assert "left its seat. Not used" in burr_view(bad).sentence
+    assert "Not used: the tip left its seat" in burr_words(bad)
     bench.dispatch(RegisterTool(exclude=(3,)))
     assert KNOWN_BURR.read(bench.session) is None
-    assert burr_view(bench.session).verdict == "stale"
-    assert burr_view(Session()) is None
+    assert judge_part("burr", bench.session).state == "stale"
+    assert burr_words(Session()) == ""
 
 
 def test_a_slipped_pin_is_bad_and_too_few_poses_are_refused(demo, bench):
@@ -168,5 +168,5 @@ def test_a_slipped_pin_is_bad_and_too_few_poses_are_refused(demo, bench):
 
 
 def test_it_asks_for_the_tool_first():
-    assert "tool" in blocked_reason(StartBurrCapture, Session())
-    assert blocked_reason(RegisterBurr, Session()) is not None
+    assert "tool" in blocked(StartBurrCapture, Session()).reason
+    assert blocked(RegisterBurr, Session()) is not None

@@ -22,15 +22,15 @@ from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.plan_scan import plan_scan
 from rona_core.robot.verification.verifier import verify_scan
 from rona_core.session.codec import digest
-from rona_core.session.files import load_session, session_bytes, session_from_bytes
-from rona_ui.resources import demo_session
+from rona_core.session.files import session_bytes, session_from_bytes
+from tests.scenes import demo_parts
 
 OVER = (0.0, 0.0, 2.0)
 
 
 @pytest.fixture(scope="module")
 def milled():
-    return load_session(demo_session())
+    return demo_parts.demo()
 
 
 @pytest.fixture(scope="module")
@@ -89,6 +89,7 @@ def test_verdict_and_file_keep_the_motion(milled, certified):
     assert loaded.results.more["rehearsal"].value.floor_plan.may_move
 
 
+@pytest.mark.slow
 def test_a_motion_other_than_the_certified_one_does_not_scan(milled, certified, monkeypatch):
     """The planted fault: half a degree of one joint, after the verifier has seen the motion."""
 

@@ -5,17 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.app.dependencies.requirements import blocked_reason
+from rona_core.app.dependencies.judge import blocked
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.messages.serialization import message_from
 from rona_core.app.steps.implant.derivation import (
-    BURRS_MM,
     derive_search,
     execution_error,
     milling_settings,
 )
-from rona_core.app.steps.implant.messages import PlaceBed, StartBedSearch
+from rona_core.app.steps.implant.messages import BURRS_MM, PlaceBed, StartBedSearch
 from rona_core.app.steps.implant.view import floor_base, milling_view, percent, verdict
 from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.devices.protocols import never, silent
@@ -133,7 +132,7 @@ def test_it_is_saved_and_becomes_stale_with_the_maps(demo, bench):
 
 
 def test_without_maps_it_says_what_to_do_first():
-    assert "compute the maps (step 9)" in blocked_reason(StartBedSearch, Session())
+    assert "compute the maps (step 9)" in blocked(StartBedSearch, Session()).reason
     with pytest.raises(StepBlockedError, match="place the implant bed"):
         milling_view(Session())
 

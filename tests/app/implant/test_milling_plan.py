@@ -7,12 +7,13 @@ import pytest
 from scipy.interpolate import RegularGridInterpolator
 from scipy.ndimage import maximum_filter, minimum_filter
 
-from rona_core.app.dependencies.requirements import blocked_reason
+from rona_core.app.declarations.registry import REGISTRY
+from rona_core.app.dependencies.judge import blocked
 from rona_core.app.dependencies.staleness import session_obstacles, stale_reason
 from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.steps.implant import milling_motion as milling_motion_module
 from rona_core.app.steps.implant.bone_left import bone_left_mm, bone_over_bed
-from rona_core.app.steps.implant.export import MOTIONS, NAMES, export_bed, offered
+from rona_core.app.steps.implant.export import EXPORTS, MOTIONS, offered
 from rona_core.app.steps.implant.messages import PlanMilling
 from rona_core.app.steps.implant.milling_derivation import milling_model, robot_path_of
 from rona_core.app.steps.implant.milling_motion import (
@@ -36,15 +37,15 @@ from rona_core.errors import InvalidInputError, StaleResultError, StepBlockedErr
 from rona_core.planning.milling.milling_path import Move
 from rona_core.planning.milling.removal import RIDGE_MM
 from rona_core.planning.robot_milling.robot_path import milling_obstacles
-from rona_core.robot.trajectory.trajectory import motion_digest
-from rona_core.session.files import load_session, session_bytes, session_from_bytes
-from rona_ui.resources import demo_session
+from rona_core.robot.verification.tolerances import CuttingTolerances
+from rona_core.session.files import session_bytes, session_from_bytes
 from tests.helpers.ui.beds import bed_only, laid_astray
+from tests.scenes import demo_parts
 
 
 @pytest.fixture(scope="module")
 def demo():
-    return bed_only(load_session(demo_session()))
+    return bed_only(demo_parts.demo())
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +65,7 @@ def test_the_demo_is_milled_with_a_certificate_for_what_stands_around(milled):
     plan, path = milling_plan_of(milled), robot_path_of(milling_view(milled)).cutting
     around = milling_obstacles(session_obstacles(milled), path)
     model = milling_model(milled, milling_view(milled))
-    assert plan.certificate.certifies(plan.trajectory, model, around)
+    assert plan.certificate.certifies(plan.trajectory, model, around, CuttingTolerances())
     assert "certified" in milling_verdict(plan)
     assert milling_summary(plan) in step_states(milled)[-1].reason
     assert step_states(milled)[-1].state == "done"
@@ -180,36 +181,22 @@ def test_the_motion_is_given_away_for_the_robot_it_was_certified_for_alone(mille
     monkeypatch.setattr(milling_motion_module, "milling_model", lambda *_: longer)
     assert set(offered(other)).isdisjoint(MOTIONS)
     with pytest.raises(StaleResultError, match="another robot"):
-        export_bed(other, "milling_joints.csv")
-
-
-def test_a_motion_of_an_earlier_version_is_verified_again_first(milled, monkeypatch):
-    plan = milling_plan_of(milled)
-    motion, held = plan.trajectory, plan.certificate
-    named = motion_digest(held.model, motion.times_s, motion.qs_rad, held.obstacles)
-    old = replace(plan, certificate=replace(held, robot="", digest=named))
-    assert milling_motion_module.milling_stale(with_plan(milled, old)) is None
-    assert require_certified(with_plan(milled, old))[1] is motion
-    known = milling_model(milled, milling_view(milled))
-    longer = replace(known, arm=replace(known.arm, forearm_mm=500.0))
-    monkeypatch.setattr(milling_motion_module, "milling_model", lambda *_: longer)
-    with pytest.raises(StepBlockedError, match="distance of the tip from the path fails"):
-        require_certified(with_plan(milled, old))
+        REGISTRY.export(other, "milling_joints.csv")
 
 
 def test_nothing_is_planned_for_a_bed_that_is_not_safe(demo):
     unsafe = laid_astray(demo)
-    assert "safe" in blocked_reason(PlanMilling, unsafe)
-    assert blocked_reason(PlanMilling, demo) is None
+    assert "safe" in blocked(PlanMilling, unsafe).reason
+    assert blocked(PlanMilling, demo) is None
 
 
 def test_what_is_not_certified_is_not_given_away_and_says_why(demo, milled):
     with pytest.raises(StepBlockedError, match="plan the milling"):
-        export_bed(demo, "milling_joints.csv")
+        REGISTRY.export(demo, "milling_joints.csv")
     plan = milling_plan_of(milled)
     refused = replace(plan, certificate=replace(plan.certificate, certified=False))
     with pytest.raises(StepBlockedError, match="the verifier refuses"):
-        export_bed(with_plan(milled, refused), "milling_joints.csv")
+        REGISTRY.export(with_plan(milled, refused), "milling_joints.csv")
     assert milling_summary(refused) == "milling refused by the verifier"
     stopped = tuple(
         replace(v, feasible=False, reason="reach", sentence="too far") for v in plan.verdicts
@@ -228,10 +215,10 @@ def test_what_is_not_certified_is_not_given_away_and_says_why(demo, milled):
 
 
 def test_the_table_has_a_row_for_each_sample_and_urscript_is_for_ur_arms(milled):
-    assert offered(milled) == tuple(name for name in NAMES if name != "milling.script")
-    lines = export_bed(milled, "milling_joints.csv").decode().splitlines()
+    assert offered(milled) == tuple(one.name for one in EXPORTS if one.name != "milling.script")
+    lines = REGISTRY.export(milled, "milling_joints.csv").decode().splitlines()
     assert len(lines) == len(milling_plan_of(milled).trajectory.times_s) + 1
     assert lines[0].endswith("layer,burr_diameter_mm")
     assert (lines[1].split(",")[-2:], lines[-1].split(",")[-2:]) == (["0", "5"], ["13", "2"])
     with pytest.raises(InvalidInputError, match="Universal Robots"):
-        export_bed(milled, "milling.script")
+        REGISTRY.export(milled, "milling.script")

@@ -27,15 +27,15 @@ from rona_core.planning.rehearsal.floor_line import FloorLine
 from rona_core.planning.robot_milling.robot_path import milling_obstacles
 from rona_core.robot.verification.cutting_verifier import verify_cutting
 from rona_core.session.codec import digest
-from rona_core.session.files import load_session, session_bytes, session_from_bytes
-from rona_ui.resources import demo_session
+from rona_core.session.files import session_bytes, session_from_bytes
+from tests.scenes import demo_parts
 
 THICK_MM = 1.0  # more bone than the planned bed is sure to leave
 
 
 @pytest.fixture(scope="module")
 def milled():
-    return load_session(demo_session())
+    return demo_parts.demo()
 
 
 def roll_of(session):

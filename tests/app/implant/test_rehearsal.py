@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.app.dependencies.requirements import blocked_reason
+from rona_core.app.dependencies.judge import blocked
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.implant.messages import RehearseMilling
 from rona_core.app.steps.implant.milling_motion import require_certified
@@ -29,10 +29,10 @@ from rona_core.evaluation.metrics import evaluate
 from rona_core.evaluation.milling.rehearsal_metrics import milled_again
 from rona_core.planning.rehearsal.rehearse import rehearse
 from rona_core.session.codec import digest
-from rona_core.session.files import load_session, session_bytes, session_from_bytes
+from rona_core.session.files import session_bytes, session_from_bytes
 from rona_core.virtual.milling.true_burr import true_centers_bed
-from rona_ui.resources import demo_session
 from tests.helpers.ui.beds import bed_only
+from tests.scenes import demo_parts
 
 
 def rehearsal_of(session):
@@ -46,21 +46,18 @@ def raiser(session):
 
 @pytest.fixture(scope="module")
 def milled():
-    return load_session(demo_session()).with_result("rehearsal", None)
+    return demo_parts.demo().with_result("rehearsal", None)
 
 
 @pytest.fixture(scope="module")
-def rehearsed(milled):
-    bench = new_workbench(milled)
-    bench.run(RehearseMilling())
-    yield bench.session
-    bench.close()
+def rehearsed():
+    return demo_parts.demo()
 
 
 def test_before_a_plan_there_is_nothing_to_rehearse(milled):
     demo = bed_only(milled)
-    assert blocked_reason(RehearseMilling, demo) is not None
-    assert blocked_reason(RehearseMilling, milled) is None
+    assert blocked(RehearseMilling, demo) is not None
+    assert blocked(RehearseMilling, milled) is None
     bench = new_workbench(demo)
     with pytest.raises(StepBlockedError):
         bench.run(RehearseMilling())
@@ -78,6 +75,7 @@ def test_the_floor_is_heard_and_the_verdict_says_what_followed(rehearsed):
     assert rehearsal_ok(found) == (found.ceiling_mm is None and not found.stopped)
 
 
+@pytest.mark.slow
 def test_the_same_number_gives_the_same_rehearsal_and_another_gives_another(milled, rehearsed):
     bench = new_workbench(milled)
     bench.run(RehearseMilling())
@@ -132,6 +130,7 @@ def test_without_a_virtual_patient_there_is_no_bone_to_rehearse_on(milled, tmp_p
     bench.close()
 
 
+@pytest.mark.slow
 def test_the_burr_goes_the_same_way_once_more_for_the_figures(rehearsed):
     found, site = rehearsal_of(rehearsed), milling_site(rehearsed, 1)
     task = milling_task(rehearsed, raiser(rehearsed), FloorScan(rehearsed))

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import trimesh
 
+from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.steps.maps.comparison import TRUTH, compare_maps, compare_with_truth
-from rona_core.app.steps.maps.export import export_maps
 from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.compose import new_workbench
 from rona_core.errors import (
@@ -20,15 +20,16 @@ from rona_core.errors import (
 )
 from rona_core.evaluation.figures import rms
 from rona_core.session.document import Session
-from rona_core.session.files import load_session, session_bytes
+from rona_core.session.files import session_bytes
 from rona_ui.cli import main
 from rona_ui.resources import demo_session
+from tests.scenes import demo_parts
 from tests.scenes.map_ct import ct_of
 
 
 @pytest.fixture(scope="module")
 def bench():
-    bench = new_workbench(load_session(demo_session()))
+    bench = new_workbench(demo_parts.demo())
     yield bench
     bench.close()
 
@@ -40,7 +41,7 @@ def demo(bench):
 
 @pytest.mark.parametrize("name", ["outer.ply", "bone.stl", "demo.rona"])
 def test_maps_beside_themselves_differ_by_less_than_a_micrometre(demo, name):
-    data = demo_session().read_bytes() if name.endswith(".rona") else export_maps(demo, name)
+    data = demo_session().read_bytes() if name.endswith(".rona") else REGISTRY.export(demo, name)
     found = compare_maps(demo, data, name)
     assert found.name == name
     for row in found.figures:
@@ -64,7 +65,7 @@ def test_the_truth_has_the_figures_that_the_page_shows(bench, demo):
 
 
 def test_a_mesh_in_another_place_is_laid_under_the_outer_map(demo):
-    mesh = trimesh.load(io.BytesIO(export_maps(demo, "bone.ply")), file_type="ply")
+    mesh = trimesh.load(io.BytesIO(REGISTRY.export(demo, "bone.ply")), file_type="ply")
     mesh.apply_translation((1.0, -0.5, 1.5))
     data = mesh.export(file_type="stl")
     assert compare_maps(demo, data, "there.stl").figures[0].rms_mm > 1.0
@@ -91,7 +92,7 @@ def test_maps_beside_a_ct_of_themselves_differ_by_little(demo):
 
 
 def test_what_is_no_reference_is_refused_by_name(demo):
-    ply = export_maps(demo, "outer.ply")
+    ply = REGISTRY.export(demo, "outer.ply")
     with pytest.raises(InvalidInputError, match="expected one of"):
         compare_maps(demo, ply, "outer.vtk")
     with pytest.raises(InvalidInputError, match=r"outer\.ply"):
@@ -119,7 +120,7 @@ def test_what_is_no_reference_is_refused_by_name(demo):
 
 def test_the_command_prints_the_figures(demo, tmp_path, capsys):
     path = tmp_path / "bone.ply"
-    path.write_bytes(export_maps(demo, "bone.ply"))
+    path.write_bytes(REGISTRY.export(demo, "bone.ply"))
     assert main(["compare", str(demo_session()), str(path)]) == 0
     text = capsys.readouterr().out
     assert "thickness nearest" in text

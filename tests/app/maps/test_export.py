@@ -10,34 +10,29 @@ import numpy as np
 import pytest
 import trimesh
 
+from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.runtime.session_step import Undo
 from rona_core.app.steps.maps.accuracy import map_accuracy
-from rona_core.app.steps.maps.export import ALL, FRAME, MANIFEST, NAMES, export_maps
+from rona_core.app.steps.maps.export import ALL, EXPORTS, FRAME, MANIFEST
 from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.compose import new_workbench
 from rona_core.errors import NotFoundError, StaleResultError, StepBlockedError
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
 from rona_ui.cli import main
 from rona_ui.resources import demo_session
 from tests.oracles.maps_nrrd import read_maps_nrrd
 
 
 @pytest.fixture(scope="module")
-def demo():
-    return load_session(demo_session())
-
-
-@pytest.fixture(scope="module")
 def archive(demo):
-    data = export_maps(demo, ALL)
+    data = REGISTRY.export(demo, ALL)
     with zipfile.ZipFile(io.BytesIO(data)) as file:
         assert file.testzip() is None
         return {name: file.read(name) for name in file.namelist()}
 
 
 def test_the_archive_holds_every_file_and_says_what_they_are(demo, archive):
-    assert set(archive) == {*NAMES, MANIFEST} - {ALL}
+    assert set(archive) == {*(one.name for one in EXPORTS), MANIFEST} - {ALL}
     manifest = json.loads(archive[MANIFEST])
     assert manifest["session"]["id"] == demo.id
     assert manifest["frame"] == FRAME
@@ -45,11 +40,11 @@ def test_the_archive_holds_every_file_and_says_what_they_are(demo, archive):
     assert told == {
         name: hashlib.sha256(data).hexdigest() for name, data in archive.items() if name in told
     }
-    assert export_maps(demo, "outer.ply") == archive["outer.ply"]
+    assert REGISTRY.export(demo, "outer.ply") == archive["outer.ply"]
 
 
 def test_the_same_maps_give_the_same_archive(demo):
-    assert export_maps(demo, ALL) == export_maps(demo, ALL)
+    assert REGISTRY.export(demo, ALL) == REGISTRY.export(demo, ALL)
 
 
 def test_values_are_those_of_the_maps_and_sigmas_what_is_stated(demo, archive):
@@ -81,16 +76,16 @@ def test_the_bone_is_a_body_in_the_place_of_the_robot(demo, archive):
 
 def test_maps_that_do_not_count_are_not_exported(demo):
     with pytest.raises(StepBlockedError, match="map the boundaries"):
-        export_maps(Session(), ALL)
+        REGISTRY.export(Session(), ALL)
     with pytest.raises(NotFoundError, match="there is no file"):
-        export_maps(demo, "bone.stp")
+        REGISTRY.export(demo, "bone.stp")
     bench = new_workbench(demo)
     try:
         bench.dispatch(SetProbe(name="1MHz"))
         with pytest.raises(StaleResultError, match="maps are stale"):
-            export_maps(bench.session, "bone.stl")
+            REGISTRY.export(bench.session, "bone.stl")
         bench.dispatch(Undo())
-        assert export_maps(bench.session, "bone.stl")
+        assert REGISTRY.export(bench.session, "bone.stl")
     finally:
         bench.close()
 
@@ -99,7 +94,7 @@ def test_the_command_line_writes_them(demo, tmp_path, capsys):
     wanted = ["--only", "bone.stl", "--only", "maps.csv"]
     assert main(["export", str(demo_session()), str(tmp_path / "out"), *wanted]) == 0
     held = {path.name: path.read_bytes() for path in (tmp_path / "out").iterdir()}
-    assert held == {name: export_maps(demo, name) for name in ("bone.stl", "maps.csv")}
+    assert held == {name: REGISTRY.export(demo, name) for name in ("bone.stl", "maps.csv")}
     assert "bone.stl" in capsys.readouterr().out
     assert main(["export", str(demo_session()), str(tmp_path / "new"), "--only", "all"]) == 2
     assert not (tmp_path / "new").exists()

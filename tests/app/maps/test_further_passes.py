@@ -22,6 +22,7 @@ from rona_core.app.steps.boundaries.ascan_view import (
 from rona_core.app.steps.boundaries.handlers import scans_of
 from rona_core.app.steps.boundaries.messages import CorrectBoundary
 from rona_core.app.steps.maps.accuracy import map_accuracy
+from rona_core.app.steps.maps.error_budget import error_budgets
 from rona_core.app.steps.maps.further_passes import (
     joined_poses,
     joined_scans,
@@ -38,7 +39,6 @@ from rona_core.errors import InvalidInputError, StepBlockedError
 from rona_core.evaluation.scan_postures import scan_postures
 from rona_core.geometry.arrays import readonly
 from rona_core.geometry.pose import Poses
-from rona_core.mapping.accuracy.error_budget import error_budgets
 from rona_core.mapping.accuracy.probe_place import OTHER_POSTURE
 from rona_core.mapping.second_pass import standoffs_mm
 from rona_core.robot.kinematics.catalog import robot_model
@@ -49,7 +49,7 @@ from rona_core.session.files import load_session, session_bytes, session_from_by
 from tests.app.maps.further import half_of, mapped_again
 from tests.helpers.derived import derived
 
-SMALL = Path(__file__).parents[2] / "contract" / "sessions" / "schema_5.rona"
+SMALL = Path(__file__).parents[2] / "sessions" / "whole.rona"
 
 
 @pytest.fixture(scope="module")
@@ -248,7 +248,7 @@ def test_maps_say_what_another_posture_in_a_further_pass_does_to_them(small):
     lines = {line.title: line.predicted_mm for line in error_budgets(after, {})[1].lines}
     held = {row.cause: row for row in after.thickness.budget}
     assert OTHER_POSTURE in causes - {row.cause for row in before.thickness.budget}
-    assert lines["Further pass in another posture"] == held[OTHER_POSTURE].sigma_mm
+    assert lines["Another posture in a further pass"] == held[OTHER_POSTURE].sigma_mm
     assert 0.02 < held[OTHER_POSTURE].sigma_mm < 0.3
     assert not held[OTHER_POSTURE].of_robot
     np.testing.assert_array_equal(before.outer.own_mm, after.outer.own_mm)

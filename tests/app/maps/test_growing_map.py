@@ -1,7 +1,6 @@
 """The outer map that grows during a scan: made of the demo's scan as it came, bit by bit."""
 
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,16 +13,8 @@ from rona_core.devices.live import RecordedSoFar
 from rona_core.devices.samples import AScan, JointSample
 from rona_core.errors import DegenerateGeometryError
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
 from rona_core.ultrasound.detection.single.outer_boundary import detect_outer
 from rona_core.ultrasound.probe.probe_model import ProbeSurvey
-
-DEMO = Path(__file__).parents[3] / "sessions" / "demo.rona"
-
-
-@pytest.fixture(scope="module")
-def demo():
-    return load_session(DEMO)
 
 
 def so_far(capture, n):

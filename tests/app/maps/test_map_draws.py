@@ -17,15 +17,8 @@ from rona_core.mapping.accuracy.echo_terms import UNHEARD
 from rona_core.mapping.accuracy.error_terms import HIDDEN_ALIKE, HIDDEN_FROM, hidden_depths
 from rona_core.mapping.build_maps import LEAST_THICKNESS_MM
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
-from rona_ui.resources import demo_session
 
 COUNT = 600  # a standard deviation of so many is known to 3 %
-
-
-@pytest.fixture(scope="module")
-def demo():
-    return load_session(demo_session())
 
 
 @pytest.fixture(scope="module", params=[False, True], ids=["absolute", "same robot"])

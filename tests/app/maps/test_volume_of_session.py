@@ -19,13 +19,6 @@ from rona_core.compose import new_workbench
 from rona_core.errors import InvalidInputError, StaleResultError, StepBlockedError
 from rona_core.mapping.volume.inner_ridge import GAIN_DB_PER_MM
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
-from rona_ui.resources import demo_session
-
-
-@pytest.fixture(scope="module")
-def demo():
-    return load_session(demo_session())
 
 
 def test_thickness_read_from_the_volume_is_that_of_the_inner_map(demo):

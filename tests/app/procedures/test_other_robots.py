@@ -6,7 +6,7 @@ import pytest
 from rona_core.app.runtime.session_step import Undo
 from rona_core.app.steps.setup.messages import SetRobot
 from rona_core.compose import new_workbench, run_demo
-from rona_core.devices.settings import ROBOTS
+from rona_core.devices.robots import ROBOTS
 from rona_core.errors import InvalidInputError
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import Session

@@ -9,10 +9,11 @@ from rona_core.app.declarations.inputs import Input, Quantity, given, input_part
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.inputs import capture_input, required, result_input
 from rona_core.app.dependencies.staleness import input_digests, stale_reason
-from rona_core.app.messages.message import message, within
+from rona_core.app.messages.message import message
 from rona_core.app.messages.serialization import serialize_arguments
 from rona_core.app.runtime.deriving import derive_all, read_inputs
 from rona_core.app.steps.setup.inputs import SCAN_SPEED
+from rona_core.devices.limits import number
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.errors import InvalidInputError, StepBlockedError
 from rona_core.session.document import Derived, Session
@@ -29,8 +30,8 @@ BOTH = Quantity(lambda twice, name: (twice, name), {"twice": TWICE, "name": NAME
 class StartHalves:
     """Compute both."""
 
-    slope: float = within(0.0, 10.0, default=1.0)
-    other: float = within(0.0, 10.0, default=1.0)
+    slope: float = number(1.0, "Slope", "", 0.0, 10.0, 0.1)
+    other: float = number(1.0, "Other", "", 0.0, 10.0, 0.1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +92,7 @@ STEP = declare.Step(
     captures=(declare.Capture("halves", "record it", ()),),
     results=(
         declare.Result.of("first half", StartHalves, first_half, "first", settings=("slope",)),
-        declare.Result.of("second half", StartHalves, second_half, "second", spared=True),
+        replace(declare.Result.of("second half", StartHalves, second_half, "second"), spared=True),
         declare.Result.of("last", StartHalves, last_half, "last", settings=("slope", "other")),
     ),
 )

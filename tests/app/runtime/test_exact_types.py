@@ -95,20 +95,21 @@ def test_a_field_takes_its_type_and_nothing_else(kind, field, hint):
 @pytest.mark.parametrize(("kind", "field", "hint"), cases())
 def test_python_is_refused_the_same(kind, field, hint):
     fits, wrong = values(hint, limits_of(kind)[field])
+    hints, limits = get_type_hints(kind), limits_of(kind)
+    good = {name: values(hints[name], words)[0][0] for name, words in limits.items()}
     for value, _ in wrong:
         if value is None and None in fits:
             continue
         message = object.__new__(kind)  # its own check may refuse it sooner, with fewer words
-        for other in dataclasses.fields(kind):
-            good = values(get_type_hints(kind)[other.name], limits_of(kind)[other.name])[0][0]
-            object.__setattr__(message, other.name, value if other.name == field else good)
+        for name in good:
+            object.__setattr__(message, name, value if name == field else good[name])
         with pytest.raises(InvalidInputError, match=f"{kind.__name__} /{field}"):
             require_exact(message)
 
 
 def test_a_workbench_refuses_what_is_lax_and_changes_nothing():
     bench = new_workbench(Session())
-    with pytest.raises(InvalidInputError, match=r"SetTracker /rate_hz: expected a number"):
+    with pytest.raises(InvalidInputError, match="rate_hz must be a number, not True"):
         bench.dispatch(SetTracker(rate_hz=True))
     with pytest.raises(InvalidInputError, match=r"/joints_deg/0: expected a number"):
         bench.start(StartRobotMove(("0", 0, 0, 0, 0, 0)))

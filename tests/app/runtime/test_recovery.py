@@ -81,8 +81,7 @@ def test_every_change_is_written_down_before_it_counts(start):
         added = read_journal(hub._autosave.file(bench.session.id))
         whole += not added.entries
         store = Store(added.session)
-        assert added.problem is None
-        assert journal.replay_entries(store, added.entries) is None
+        assert journal.restore(store, added) is None
         assert session_bytes(store.session) == session_bytes(bench.session), step
     # the capture, and steps taken back from before a copy; the rest are rows after it
     assert whole < len(steps) / 2
@@ -334,24 +333,6 @@ def test_a_damaged_journal_gives_what_comes_before_and_stays(start, damage, kept
     assert problem is None or path.read_bytes() == evidence
 
 
-def test_copies_of_an_earlier_version_are_offered_and_its_journals_stay(start, tmp_path):
-    session = Store(Session(name="older")).dispatch(SetSeed(3)).session
-    folder = tmp_path / FOLDER / "0123456789ab"
-    for name in ("whole", "part"):
-        save_session(replace(session, name=name, id=name), folder / f"{name}.rona")
-    rest = folder / "part.jsonl"
-    rest.write_bytes(b"{\n")
-    hub = start()
-    problems = {lost.name: lost.problem for lost in hub.lost()}
-    assert problems["whole"] is None
-    assert f"kept in {rest} cannot be read" in problems["part"]
-    for lost in hub.lost():
-        back, _ = hub.recover(lost.key)
-        assert back.session.setup.seed == 3
-    assert [lost.name for lost in hub.lost()] == ["part"]
-    assert rest.read_bytes() == b"{\n"
-
-
 def test_what_cannot_be_recovered_is_refused_and_nothing_changes(start):
     hub = start()
     with pytest.raises(NotFoundError):
@@ -409,7 +390,9 @@ def test_what_cannot_be_done_again_for_a_defect_does_not_hide_what_came_before()
             raise TypeError("of this version")
 
     entry = LogEntry(1, "SetSeed", {"seed": 3}, "2026-01-01T00:00:00+00:00")
-    assert "cannot be done again: of this version" in journal.replay_entries(Broken(), [entry])
+    assert "cannot be done again: of this version" in journal.restore(
+        Broken(), journal.Journal(Session(), (entry,))
+    )
 
 
 def test_what_is_being_measured_when_the_program_ends_is_kept(tmp_path):

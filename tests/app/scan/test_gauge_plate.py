@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from rona_core.app.dependencies.inputs import required
+from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.procedure import run_procedure
+from rona_core.app.procedure import run_procedure, stages
 from rona_core.app.steps.acoustics.inputs import HELD_PROBE, ROBOT_PROBE
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.path.messages import StartPathCapture
@@ -15,25 +16,22 @@ from rona_core.app.steps.scan.inputs import KNOWN_MOUNTING, POSES
 from rona_core.app.steps.scan.messages import (
     CalibrateProbeMounting,
     StartProbeMountingCapture,
-    StartScan,
 )
-from rona_core.app.steps.scan.probe_mounting import mounting_view
+from rona_core.app.steps.scan.probe_mounting import mounting_words
 from rona_core.app.steps.setup.messages import SetProbe, SetRegion, SetWorld
-from rona_core.app.steps.smoothing.messages import SmoothScanPath
 from rona_core.app.steps.surface.messages import StartSurfaceCapture
 from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.compose import new_session, new_workbench, world_of
 from rona_core.session.files import session_bytes, session_from_bytes
 
-SMALL = (
-    ("tool", StartToolCapture(n_pivot=12, n_translate=4)),
-    ("pointer", StartPointerCapture(duration_s=6.0)),
-    ("surface", StartSurfaceCapture(duration_s=20.0)),
-    ("path", StartPathCapture(duration_s=12.0, spacing_mm=5.0)),
-    ("smoothing", SmoothScanPath()),
-    ("roll", StartRollSearch(n_rolls=24)),
-    ("scan", StartScan()),
-    ("maps", StartMapping()),
+SMALL = stages(
+    "detection",
+    StartToolCapture(n_pivot=12, n_translate=4),
+    StartPointerCapture(duration_s=6.0),
+    StartSurfaceCapture(duration_s=20.0),
+    StartPathCapture(duration_s=12.0, spacing_mm=5.0),
+    StartRollSearch(n_rolls=24),
+    skip=("gauge",),
 )
 
 
@@ -43,7 +41,7 @@ def scanned():
     bench = new_session("warm", seed=7)
     bench.dispatch(SetRegion(radius_mm=12.0))
     bench.dispatch(SetWorld(line_excess_k=10.0, mounting_mm=0.6))
-    assert run_procedure(bench, messages=SMALL).completed
+    assert run_procedure(bench, SMALL).completed
     yield bench
     bench.close()
 
@@ -52,7 +50,7 @@ def test_the_gauge_takes_away_what_mounting_and_warm_line_do_to_the_map(scanned)
     bench = new_workbench(scanned.session)
     before = bench.figures()
     poses = POSES.read(bench.session)
-    assert mounting_view(bench.session) is None
+    assert mounting_words(bench.session) == ""
     bench.run(StartProbeMountingCapture(n=5))
     assert stale_reason("maps", bench.session) is not None  # they do not know of it yet
     bench.run(StartMapping())
@@ -68,12 +66,11 @@ def test_the_gauge_takes_away_what_mounting_and_warm_line_do_to_the_map(scanned)
     assert required(HELD_PROBE, bench.session).line_delay_us == pytest.approx(
         18.75
     )  # of another probe
-    view = mounting_view(bench.session)
-    assert view.verdict == "good"
+    assert judge_part("mounting", bench.session).state == "usable"
     outer = [s.results.maps.value.outer_points_base for s in (scanned.session, bench.session)]
     outward = -POSES.read(bench.session).rotations[:, :, 2]
     shift_mm = np.median(np.einsum("ij,ij->i", outer[1] - outer[0], outward))
-    assert float(view.sentence.split()[2]) == pytest.approx(shift_mm, abs=0.02)
+    assert float(mounting_words(bench.session).split()[2]) == pytest.approx(shift_mm, abs=0.02)
     saved = session_from_bytes(session_bytes(bench.session))
     assert stale_reason("maps", saved) is None
     assert KNOWN_MOUNTING.read(saved).offset_mm == found.offset_mm
@@ -86,11 +83,11 @@ def test_it_is_stale_with_the_probe_and_forgotten_on_demand(scanned):
     bench.run(StartMapping())
     bench.dispatch(SetProbe(excitation="pulse"))
     assert KNOWN_MOUNTING.read(bench.session) is None
-    assert mounting_view(bench.session).verdict == "stale"
+    assert judge_part("mounting", bench.session).state == "stale"
     bench.dispatch(SetProbe())
     assert KNOWN_MOUNTING.read(bench.session) is not None
     assert stale_reason("maps", bench.session) is None
     bench.dispatch(CalibrateProbeMounting(use=False))
-    assert mounting_view(bench.session) is None
+    assert mounting_words(bench.session) == ""
     assert stale_reason("maps", bench.session) is not None
     bench.close()

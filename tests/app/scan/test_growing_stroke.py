@@ -17,8 +17,6 @@ from rona_core.app.steps.surface.step import record_strokes
 from rona_core.compose import build_virtual_rig
 from rona_core.devices.live import Live
 from rona_core.session.codec import digest
-from rona_core.session.files import load_session
-from rona_ui.resources import demo_session
 
 DURATION_S = 4.0
 
@@ -35,11 +33,6 @@ class Watched(Live):
         if parts.get("frames"):
             self.frames = parts["frames"]
             self.grown.append(self.grower.grown(self.frames))
-
-
-@pytest.fixture(scope="module")
-def demo():
-    return load_session(demo_session())
 
 
 @pytest.fixture(scope="module")

@@ -1,12 +1,11 @@
 """Verification on landmarks before the robot scans: the gate, what it catches, the override."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from rona_core.app.dependencies.requirements import blocked_reason
+from rona_core.app.dependencies.judge import blocked
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.steps.maps.messages import StartGapScan
@@ -29,14 +28,13 @@ from rona_core.errors import (
 )
 from rona_core.geometry.pose import Pose
 from rona_core.session.codec import digest
-from rona_core.session.files import load_session, session_bytes, session_from_bytes
-
-DEMO = Path(__file__).parents[3] / "sessions" / "demo.rona"
+from rona_core.session.files import session_bytes, session_from_bytes
+from tests.scenes import demo_parts
 
 
 def opened():
     """Return a bench with the demo session before anything was verified, its plan ready."""
-    demo = load_session(DEMO).with_capture("landmarks", None).with_result("landmarks", None)
+    demo = demo_parts.demo().with_capture("landmarks", None).with_result("landmarks", None)
     return new_workbench(demo)
 
 
@@ -96,7 +94,7 @@ def test_a_tracker_that_was_bumped_is_caught_before_the_robot_moves(bench, shift
     assert verification(bench.session).state == "failed"
     assert bench.session.captures.get("landmarks") is bench.session.archive[-1]
     for kind in (StartScan, StartGapScan):
-        assert "verification on landmarks failed" in blocked_reason(kind, bench.session)
+        assert "verification on landmarks failed" in blocked(kind, bench.session).reason
     assert "override it with a reason" in state(bench).blocked
 
 
@@ -112,10 +110,10 @@ def test_a_bump_that_the_base_marker_sees_is_corrected_and_passes(bench):
 def test_an_override_opens_the_gate_is_logged_and_ends_with_the_next_verification(bench):
     bumped(bench, np.array((3.0, 0.0, 0.0)))
     bench.run(StartLandmarkCapture())
-    assert blocked_reason(StartScan, bench.session) is not None
+    assert blocked(StartScan, bench.session) is not None
     bench.dispatch(OverrideLandmarks("the frame was bent, the region is fine"))
     assert verification(bench.session).state == "overridden"
-    assert blocked_reason(StartScan, bench.session) is None
+    assert blocked(StartScan, bench.session) is None
     assert bench.session.log[-1].message == "OverrideLandmarks"
     assert bench.session.log[-1].arguments["reason"].startswith("the frame was bent")
     bench.run(StartLandmarkCapture())
@@ -128,9 +126,9 @@ def test_a_new_registration_is_to_be_verified_again(bench):
     bench.run(StartLandmarkCapture())
     bench.dispatch(RegisterTool("paper"))
     assert verification(bench.session).state == "stale"
-    assert "first" not in (blocked_reason(VerifyLandmarks, bench.session) or "")
+    assert blocked(VerifyLandmarks, bench.session) is None
     bench.dispatch(SetPointer("pointer5d"))
-    assert "pointer" in blocked_reason(StartLandmarkCapture, bench.session)
+    assert "pointer" in blocked(StartLandmarkCapture, bench.session).reason
 
 
 def test_a_pointer_that_is_not_seen_verifies_nothing(bench):

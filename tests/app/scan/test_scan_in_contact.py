@@ -25,17 +25,16 @@ from rona_core.robot.collision.collision_world import CollisionWorld
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.captures import ScanCapture
 from rona_core.session.codec import decode, digest, encode
-from rona_core.session.files import load_session
 from rona_core.virtual.rig import VirtualRig
 from rona_core.virtual.specimen.build_specimen import build_specimen
+from tests.scenes import demo_parts
 
-DEMO = Path(__file__).parents[3] / "sessions" / "demo.rona"
 pytestmark = pytest.mark.slow
 
 
 def session_with(**robot):
     """The demo session, with few A-scans and other settings of the robot."""
-    session = load_session(DEMO)
+    session = demo_parts.demo()
     devices = session.setup.devices
     devices = replace(
         devices,

@@ -18,8 +18,7 @@ from rona_core.errors import DegenerateGeometryError, StepBlockedError
 from rona_core.robot.collision.collision_world import CollisionWorld
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import Results
-from rona_core.session.files import load_session
-from rona_ui.resources import demo_session
+from tests.scenes import demo_parts
 
 IN_THE_SCAN = 1750  # times that a scan has asked whether to stop, when A-scans come
 
@@ -31,7 +30,7 @@ def states(session):
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory):
     """The demo planned anew and stopped in its first scan: the probe stands on the bone."""
-    demo = load_session(demo_session())
+    demo = demo_parts.demo()
     kept = ("tool", "pointer", "surface", "path", "smoothing")
     results = Results(**{name: getattr(demo.results, name) for name in kept})
     captures = replace(demo.captures, scan=None, second=())

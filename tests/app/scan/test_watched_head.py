@@ -9,8 +9,7 @@ from rona_core.app.dependencies.head_reference import watch_head
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.overview.acceptance import quality_rows
-from rona_core.app.procedure import run_procedure
-from rona_core.app.steps.maps.messages import StartMapping
+from rona_core.app.procedure import run_procedure, stages
 from rona_core.app.steps.path.messages import StartPathCapture
 from rona_core.app.steps.pointer.messages import StartPointerCapture
 from rona_core.app.steps.roll.messages import StartRollSearch
@@ -24,7 +23,6 @@ from rona_core.app.steps.setup.messages import (
     SetToolVisible,
     SetWorld,
 )
-from rona_core.app.steps.smoothing.messages import SmoothScanPath
 from rona_core.app.steps.surface.messages import StartSurfaceCapture
 from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.compose import build_virtual_rig, new_session, new_workbench
@@ -33,25 +31,24 @@ from rona_core.session.codec import encode
 from rona_core.session.files import session_bytes, session_from_bytes
 
 STROKE = StartSurfaceCapture(duration_s=20.0)
-SMALL = (
-    ("tool", StartToolCapture(n_pivot=12, n_translate=4)),
-    ("pointer", StartPointerCapture(duration_s=6.0)),
-    ("surface", STROKE),
-    ("path", StartPathCapture(duration_s=12.0, spacing_mm=5.0)),
-    ("smoothing", SmoothScanPath()),
-    ("roll", StartRollSearch(n_rolls=24)),
-    ("scan", StartScan()),
-    ("maps", StartMapping()),
+MESSAGES = (
+    StartToolCapture(n_pivot=12, n_translate=4),
+    StartPointerCapture(duration_s=6.0),
+    STROKE,
+    StartPathCapture(duration_s=12.0, spacing_mm=5.0),
+    StartRollSearch(n_rolls=24),
 )
-BEFORE_SCAN = SMALL[:6]
+SMALL = stages("detection", *MESSAGES, skip=("gauge",))
+TO_SCAN = stages("scan", *MESSAGES, skip=("gauge",))
+BEFORE_SCAN = stages("roll", *MESSAGES)
 
 
-def made(messages, **world):
+def made(among, **world):
     """A bench with a small region and a world that is nominal but for its head."""
     bench = new_session("head", seed=12)
     bench.dispatch(SetWorld(profile="nominal", **world))
     bench.dispatch(SetRegion(radius_mm=12.0))
-    assert run_procedure(bench, messages=messages).failed_step in (None, "scan", "maps")
+    assert run_procedure(bench, among).failed_step in (None, "scan", "detection")
     return bench
 
 
@@ -168,6 +165,7 @@ def test_at_rest_nothing_changes_by_a_bit(planned):
     bench.close()
 
 
+@pytest.mark.slow
 def test_by_position_alone_the_head_is_watched_too(planned):
     bench = new_workbench(planned.session)
     bench.dispatch(SetContact(pressed=False))
@@ -176,6 +174,7 @@ def test_by_position_alone_the_head_is_watched_too(planned):
     bench.close()
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     ("message", "reason"),
     [

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from rona_core.app.dependencies.inputs import required
+from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.runtime.recompute import recompute
 from rona_core.app.runtime.session_step import Undo
@@ -24,10 +25,8 @@ from rona_core.app.steps.acoustics.thickness_uncertainty import reference_gain, 
 from rona_core.app.steps.acoustics.view import (
     edited_probe,
     gain_words,
-    line_state,
     probe_values,
     reference_rows,
-    speed_state,
 )
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.setup.messages import SetProbe, SetSeed, SetWorld
@@ -65,16 +64,16 @@ def test_a_block_gives_the_line_that_detection_then_takes():
     assert required(HELD_PROBE, bench.session).line_delay_us == pytest.approx(
         line.delay_us, abs=1e-9
     )
-    assert line_state(bench.session).verdict == "weak"  # one temperature only
+    assert judge_part("line", bench.session).state == "weak"  # one temperature only
     bench.run(StartDelayLineCapture(n=8, temperatures_c=(20.0, 30.0, 40.0)))
     line = bench.session.results.line.value
     assert line.slope_measured
     assert line.at(35.0)[0] == pytest.approx(nominal * slower, abs=0.02)
     bench.dispatch(SetProbe(name="1MHz"))
-    assert line_state(bench.session).verdict == "stale"
+    assert judge_part("line", bench.session).state == "stale"
     assert required(HELD_PROBE, bench.session) == probe_model("1MHz")
     bench.dispatch(Undo())
-    assert line_state(bench.session).verdict == "good"
+    assert judge_part("line", bench.session).state == "usable"
     bench.dispatch(CalibrateDelayLine(use=False))
     assert required(HELD_PROBE, bench.session).line_delay_us == nominal
     bench.close()
@@ -133,6 +132,7 @@ def test_three_places_by_caliper_change_the_map_and_not_the_detection(mapped, ca
     bench.close()
 
 
+@pytest.mark.slow
 def test_the_gain_that_is_promised_is_the_one_that_comes(mapped):
     gain = reference_gain(mapped)
     assert gain.now_mm == pytest.approx(thickness_shares(mapped).total_mm, rel=0.02)
@@ -174,12 +174,12 @@ def test_points_by_hand_are_added_removed_and_taken_back(mapped):
     bench.dispatch(Undo())
     assert len(reference_rows(bench.session)) == 3
     bench.dispatch(CalibrateSoundSpeed())
-    assert speed_state(bench.session).verdict in ("good", "weak")
+    assert judge_part("speed", bench.session).state in ("usable", "weak")
     assert KNOWN_SPEED.read(bench.session) is not None
     bench.dispatch(RemoveReferencePoint())
     assert bench.session.captures.references is None
     assert KNOWN_SPEED.read(bench.session) is None
-    assert speed_state(bench.session).verdict == "stale"
+    assert judge_part("speed", bench.session).state == "stale"
     with pytest.raises(InvalidInputError, match="either"):
         AddReferencePoint(5.0)
     bench.close()

@@ -7,7 +7,7 @@ import pytest
 
 from rona_core.app.dependencies.obstacles import workcell_pose
 from rona_core.app.dependencies.staleness import session_obstacles, stale_reason
-from rona_core.app.procedure import PROCEDURE, run_procedure
+from rona_core.app.procedure import run_procedure, stages
 from rona_core.app.runtime.recompute import replay
 from rona_core.app.runtime.session_step import Undo
 from rona_core.app.steps.roll.base_placement import advice, moves, obstacles_from, placement_view
@@ -25,7 +25,7 @@ from rona_core.robot.base_placement.candidates import base_pose
 from rona_core.session.document import Session
 from rona_core.session.files import load_session, save_session
 
-UP_TO_ROLL = PROCEDURE[:6]
+UP_TO_ROLL = stages("roll")
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +33,7 @@ def stuck():
     """A workbench whose robot stands 420 mm too far away, and how the procedure ended there."""
     bench = new_workbench(Session())
     bench.dispatch(SetRobot(base_shift_mm=(-420.0, 0.0, 0.0)))
-    ending = run_procedure(bench, messages=UP_TO_ROLL)
+    ending = run_procedure(bench, UP_TO_ROLL)
     yield bench, ending
     bench.close()
 
@@ -94,7 +94,7 @@ def test_the_base_is_moved_by_a_command_and_then_the_scan_is_certified(stuck):
     assert bench.session.setup.devices.robot.base_shift_mm == (-420.0, 0.0, 0.0)
     assert placement_view(bench.session) is not None
     bench.dispatch(ApplyBasePlacement("smallest"))
-    assert run_procedure(bench, messages=UP_TO_ROLL).completed
+    assert run_procedure(bench, UP_TO_ROLL).completed
     assert bench.session.results.roll.value.may_move
     bench.run(StartBasePlacement(half_x_mm=0.0, half_y_mm=0.0))
     found = bench.session.results.placement.value

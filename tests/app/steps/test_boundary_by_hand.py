@@ -31,19 +31,12 @@ from rona_core.mapping.build_maps import boundary_points
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
-from rona_core.session.files import load_session, session_bytes, session_from_bytes
+from rona_core.session.files import session_bytes, session_from_bytes
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import speed_at
-from rona_core.ultrasound.detection.detect import doubted, heard
+from rona_core.ultrasound.detection.detect import doubted, has_inner_echoes
 from tests.helpers.derived import derived
 
 TESTS = Path(__file__).resolve().parents[2]
-DEMO = TESTS.parent / "sessions" / "demo.rona"
-OLD = TESTS / "contract" / "sessions" / "schema_1.rona"
-
-
-@pytest.fixture(scope="module")
-def demo() -> Session:
-    return load_session(DEMO)
 
 
 def sure(session: Session) -> int:
@@ -170,10 +163,6 @@ def test_a_correction_says_one_thing(fields):
         CorrectBoundary(0, **fields)
 
 
-def test_an_old_session_has_no_corrections():
-    assert len(load_session(OLD).boundary_edits) == 0
-
-
 @pytest.mark.parametrize("scan", ["first", "second"])
 def test_every_a_scan_is_found_again_from_its_share_of_the_motion(demo, scan):
     n = len(demo.captures.scan.scans if scan == "first" else demo.captures.second[0].scans)
@@ -216,8 +205,8 @@ def test_where_the_first_pass_hears_nothing_the_second_is_not_believed(demo):
     """A few echoes of a probe that leans are steps within bone that lets no inner one through."""
     first = demo.results.detection
     mute = doubted(first.value, np.arange(len(first.value)) > 5)
-    assert heard(first.value)
-    assert not heard(mute)
+    assert has_inner_echoes(first.value)
+    assert not has_inner_echoes(mute)
     session = demo.with_result("detection", replace(first, value=mute))
     found = derived("second_detection", session, StartMapping())
     assert not found.inner_ok.any()

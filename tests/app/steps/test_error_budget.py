@@ -5,23 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rona_core.app.declarations.figures import OUTER_CAUSES, THICKNESS_CAUSES
 from rona_core.app.steps.maps.accuracy import map_accuracy
+from rona_core.app.steps.maps.error_budget import OUTER, THICKNESS, error_budgets
 from rona_core.compose import build_virtual_rig, evaluate_virtual
-from rona_core.evaluation.error_causes import KEYS
 from rona_core.evaluation.maps.map_metrics import cells, outer_errors_mm
 from rona_core.evaluation.scan_metrics import true_probe_poses
 from rona_core.evaluation.truth import truth_of
-from rona_core.mapping.accuracy.error_budget import OUTER, THICKNESS, error_budgets
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import speed_at
 from rona_core.virtual.acoustics.medium import bone_medium, true_bone
-from rona_ui.resources import demo_session
 
-
-@pytest.fixture(scope="module")
-def demo():
-    return load_session(demo_session())
+KEYS = tuple(one.key for one in (*OUTER_CAUSES, *THICKNESS_CAUSES))
 
 
 @pytest.fixture(scope="module")

@@ -18,6 +18,7 @@ from rona_core.app.steps.setup.messages import SetPointer, SetSeed, SetTracker, 
 from rona_core.app.steps.surface.growing_stroke import replayed_pointer
 from rona_core.app.steps.surface.messages import StartSurfaceCapture
 from rona_core.app.steps.tool.messages import StartToolCapture
+from rona_core.calibration.pivot.pose_convention import CHANGES
 from rona_core.compose import new_workbench
 from rona_core.devices.files.poses.igs_mha import read_igs_mha, write_igs_mha
 from rona_core.devices.files.text_tables import NamedFile
@@ -353,6 +354,31 @@ def test_poses_in_another_convention_are_refused_alike_and_change_nothing(tmp_pa
             assert str(refused.value) == str(said.value)
             assert bench.session is before
     bench.close()
+
+
+@pytest.mark.parametrize("purpose", ["surface", "path"])
+@pytest.mark.parametrize("change", WRONG)
+def test_strokes_in_another_convention_are_refused_by_name_or_give_the_same_tips(
+    bench, tmp_path, change, purpose
+):
+    right = bench.session.captures.path if purpose == "path" else bench.session.captures.surface[0]
+    made = WRONG[change](right.marker.Ts_tracker_marker)
+    (tmp_path / "wrong.igs.mha").write_bytes(write_igs_mha(recording_of(made, "pointer6d")))
+    before = bench.session
+    activity = StartRecordingImport("wrong.igs.mha", purpose=purpose)
+    if change.startswith("rotation"):  # 1/60 s at the speed of a hand
+        bench.run(activity)
+        tip = bench.session.results.pointer.value.tip_pointermarker
+        rows = slice(1, None) if change == "rotation late" else slice(None, -1)
+        moved = made @ tip - (right.marker.Ts_tracker_marker @ tip)[rows]
+        assert np.median(np.linalg.norm(moved, axis=1)) < 2.0
+        return
+    with pytest.raises(InvalidInputError, match=r"^wrong\.igs\.mha: ") as refused:
+        bench.run(activity)
+    found = refused.value.data
+    assert change in (found["change"], *found["alike"])  # of 4 s, several readings may fit
+    assert CHANGES[change].words in str(refused.value)
+    assert bench.session is before
 
 
 def test_a_pivot_needs_no_tracker_and_no_clock(tmp_path):

@@ -11,7 +11,6 @@ from rona_core.app.steps.boundaries.ascan_view import ascan_plot
 from rona_core.app.steps.boundaries.messages import CorrectBoundary
 from rona_core.app.steps.maps.accuracy import ROBOT_PLACE, TERMS, map_accuracy
 from rona_core.app.steps.maps.view import layers_of
-from rona_core.devices.settings import ROBOTS
 from rona_core.mapping.accuracy.echo_terms import (
     FRONT_UNHEARD,
     ROUGHNESS,
@@ -22,14 +21,12 @@ from rona_core.mapping.accuracy.echo_terms import (
 from rona_core.mapping.accuracy.error_terms import ErrorTerm
 from rona_core.mapping.accuracy.map_accuracy import accuracy_words
 from rona_core.mapping.accuracy.probe_place import (
-    REPEATABILITY_MM,
     ROOM_K,
     WARMING_K,
 )
 from rona_core.robot.kinematics.link_errors import ROBOT_ACCURACY_MM
-from rona_core.session.codec import decode, digest, encode
+from rona_core.session.codec import digest
 from rona_core.session.document import Derived, Session, SonoMaps
-from rona_core.session.migrate import SCHEMA, migrate
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
     calibrate_speed,
     uncalibrated,
@@ -157,24 +154,6 @@ def test_a_place_is_less_sure_the_farther_the_nearest_sample_is(demo, accuracy):
     assert np.median(own[far]) > 1.1 * np.median(own[near])
 
 
-def test_the_stated_sigma_of_an_older_file_is_not_taken(demo):
-    """Files of this schema once held the scatter about the plate as ``sigma_mm`` of each map."""
-    arrays = {}
-    plain = encode(demo, "session", arrays)
-    maps = plain["results"]["maps"]["value"]
-    for name in ("outer", "inner", "fused"):
-        assert "sigma_mm" not in maps[name]
-        maps[name]["sigma_mm"] = {"values": [0.0002], "shape": [1], "dtype": "<f8"}
-    manifest = {"schema": SCHEMA, "session": plain}
-    old = decode(migrate(manifest)["session"], Session, arrays)
-    assert not hasattr(old.results.maps.value.outer, "sigma_mm")
-    found, here = map_accuracy(old), map_accuracy(demo)
-    for name in ("outer", "inner", "fused", "thickness"):
-        mine, same = getattr(found, name), getattr(here, name)
-        np.testing.assert_array_equal(mine.total_mm(), same.total_mm())
-    assert maps["outer"]["sigma_mm"]["values"] == [0.0002]  # what it is given stays as it is
-
-
 def test_reference_points_make_it_surer_once_the_maps_were_made_with_them(demo, accuracy):
     maps = demo.results.maps
     places = maps.value.outer_points_base[maps.value.outer_used][::60]
@@ -233,10 +212,6 @@ def test_of_other_ascans_than_those_of_the_maps_nothing_is_said(demo):
     assert map_accuracy(gone) is None
     assert map_accuracy(Session()) is None
     assert map_accuracy(demo, hand=True) is None  # nobody scanned by hand
-
-
-def test_every_arm_has_a_repeatability():
-    assert set(REPEATABILITY_MM) == set(ROBOTS)
 
 
 def test_the_sentence_says_the_size_of_each_error(demo, accuracy):

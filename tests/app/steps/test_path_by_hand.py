@@ -41,7 +41,7 @@ from rona_core.session.codec import digest
 from rona_core.session.document import Session
 from rona_core.session.files import load_session, session_bytes, session_from_bytes
 
-FILE = Path(__file__).parents[2] / "contract" / "sessions" / "schema_1.rona"
+FILE = Path(__file__).parents[2] / "sessions" / "path.rona"
 
 
 @pytest.fixture(scope="module")

@@ -5,12 +5,12 @@ assumed, and residuals or landmarks that contradict it take the word good away.
 """
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from rona_core.app.declarations.figures import FIGURES
 from rona_core.app.overview.acceptance import quality_rows
 from rona_core.app.report.report import session_report
 from rona_core.app.steps.pointer.messages import StartPointerCapture
@@ -21,7 +21,6 @@ from rona_core.app.steps.setup.messages import SetRobot, SetSeed, SetTracker, Se
 from rona_core.app.steps.tool.calibration_view import calibration_view
 from rona_core.app.steps.tool.derivation import tool_dwells
 from rona_core.app.steps.tool.messages import StartToolCapture
-from rona_core.calibration.hand_eye.quality import REGISTRATION_TITLE
 from rona_core.calibration.hand_eye.robot_accuracy import (
     FALSE_ALARM,
     check_robot_accuracy,
@@ -34,9 +33,8 @@ from rona_core.geometry.pose import Poses
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.link_errors import link_errors
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
+from tests.scenes import demo_parts
 
-DEMO = Path(__file__).parents[3] / "sessions" / "demo.rona"
 STATED_MM, TURN_DEG, SHIFT_MM = 0.35, 0.02, 0.05
 DRAWS = 12
 
@@ -44,7 +42,7 @@ DRAWS = 12
 @pytest.fixture(scope="module")
 def motion():
     """Return poses of the tip and errors of links (n, 6, 36) along the tool motion of the demo."""
-    demo = load_session(DEMO)
+    demo = demo_parts.demo()
     model = robot_model(demo.setup.devices.robot.model)
     qs_rad, _, _ = tool_dwells(demo.captures.tool, model)
     links = link_errors(model, qs_rad, model.T_flange_tip, STATED_MM)
@@ -67,6 +65,7 @@ def checked(motion, ratio, seed):
     return check_robot_accuracy(found, tips, seen, links, none)
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     ("ratio", "least", "most"), [(1.0, 0.0, 0.17), (2.0, 0.6, 1.0), (3.0, 0.9, 1)]
 )
@@ -128,13 +127,14 @@ def test_a_contradicted_registration_is_not_good_wherever_it_is_shown(contradict
     assert "0.35 mm are assumed" in reason
     assert "register again" in reason
     view = calibration_view(contradicted, "tool")
-    assert REGISTRATION_TITLE in [one.title for one in view.expected]
+    title = FIGURES["tracker_registration_sigma_mm"].title
+    assert title in [one.title for one in view.expected]
     rows = {row.key: row for row in quality_rows({}, contradicted)}
     row = rows["tracker_registration_sigma_mm"]
-    assert row.title == REGISTRATION_TITLE == "Registration, assumed"
+    assert row.title == title == "Registration, assumed"
     assert (row.verdict, row.reason) == ("review", reason)
     page = session_report(contradicted, {}, None)
-    assert REGISTRATION_TITLE in page
+    assert title in page
     assert "0.35 mm are assumed" in page
 
 

@@ -3,20 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from rona_core.app.steps.boundaries.ascan_view import ascan_plot, scan_poses
 from rona_core.evaluation.scan_metrics import detected_passes
 from rona_core.mapping.build_maps import boundary_points
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import speed_at
-from rona_ui.resources import demo_session
-
-
-@pytest.fixture(scope="module")
-def demo() -> Session:
-    return load_session(demo_session())
 
 
 def at_map_speed_mm(session: Session) -> np.ndarray:

@@ -34,12 +34,11 @@ from rona_core.app.steps.scan.inputs import PLACES, POSES
 from rona_core.app.steps.setup.messages import SetProbe, SetSeed, SetWorld
 from rona_core.compose import new_workbench
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import speed_at
 from rona_core.ultrasound.detection.detect import NOMINAL_SPEED_MM_PER_US
 from rona_core.ultrasound.probe.probe_model import probe_model
-from rona_ui.resources import demo_session
 from tests.helpers.derived import derived
+from tests.scenes import demo_parts
 
 WARM_C = 34.0
 
@@ -47,7 +46,7 @@ WARM_C = 34.0
 @pytest.fixture(scope="module")
 def measured():
     """The demo session with its line calibrated on the block, and a short scan by hand."""
-    session = load_session(demo_session())
+    session = demo_parts.demo()
     # whatever version planned the motion: its plan is that of the scans, and counts
     plan = replace(session.results.roll, inputs=input_digests("roll", session))
     session = replace(session, results=replace(session.results, roll=plan))
@@ -188,6 +187,7 @@ def test_a_warm_line_that_was_calibrated_is_that_of_the_scan_by_hand():
         bench.close()
 
 
+@pytest.mark.slow
 def test_the_calibrated_speed_holds_in_the_scan_by_hand_too(measured):
     before_caliper = measured.with_capture("references", None).with_result("speed", None)
     bench = new_workbench(before_caliper)

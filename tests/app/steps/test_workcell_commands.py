@@ -1,7 +1,6 @@
 """What somebody adds to the room: kept and refused by name; the robot keeps away from it."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,12 +11,10 @@ from rona_core.app.runtime.handling import handle
 from rona_core.app.steps.setup.clearance import clearance_violations, drawn_obstacles
 from rona_core.app.steps.setup.messages import AddObstacle, RemoveObstacle, SetRobot, SetWorkcell
 from rona_core.errors import InvalidInputError, NotFoundError
-from rona_core.session.codec import decode, encode
-from rona_core.session.document import Session, Setup
-from rona_core.session.files import load_session, session_bytes, session_from_bytes
-from rona_core.session.migrate import SCHEMA, migrate
+from rona_core.session.document import Session
+from rona_core.session.files import session_bytes, session_from_bytes
+from tests.scenes import demo_parts
 
-DEMO = Path(__file__).parents[3] / "sessions" / "demo.rona"
 WALL = AddObstacle("wall", (0.0, -1200.0, 0.0), (3000.0, 100.0, 2500.0))
 LAMP = AddObstacle("lamp", (600.0, 200.0, 900.0), (300.0, 200.0, 80.0), 45.0)
 
@@ -123,21 +120,12 @@ def test_too_many_boxes_and_boxes_that_are_not_there_are_refused():
 
 
 def test_a_new_box_makes_a_plan_stale_and_taking_it_away_makes_it_good_again():
-    session = load_session(DEMO)
+    session = demo_parts.demo()
     assert stale_reason("roll", session) is None
     with_wall = handle(WALL, session)
     assert "obstacles has changed" in stale_reason("roll", with_wall)
     assert stale_reason("tool", with_wall) is None, "what was measured stays"
     assert stale_reason("roll", handle(RemoveObstacle("wall"), with_wall)) is None
-
-
-def test_a_file_of_this_schema_from_before_boxes_were_known_loads():
-    setup = encode(Session().setup, "setup", {})
-    del setup["surroundings"]["boxes"]
-    manifest = {"schema": SCHEMA, "session": {"$type": "Session", "setup": setup}}
-    after = migrate(manifest)["session"]["setup"]
-    assert decode(after, Setup, {}) == Session().setup
-    assert "boxes" not in setup["surroundings"], "what comes in stays as it is"
 
 
 def test_boxes_are_saved_with_the_session():

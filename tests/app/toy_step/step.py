@@ -55,7 +55,7 @@ STEP = declare.Step(
     commands=(declare.Command(FitToyLine, compute_result, needs=(TOY_CAPTURE,)),),
     activities=(
         declare.Activity(
-            StartToyCapture, record("toy", capture, FitToyLine), "Reading the toy", records=True
+            StartToyCapture, record("toy", capture, FitToyLine), "Reading the toy", makes=("toy",)
         ),
     ),
     captures=(declare.Capture("toy", "read the toy", (parts.robot,), types=(ToyCapture,)),),

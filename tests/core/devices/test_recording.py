@@ -60,7 +60,7 @@ def test_faults_of_a_stream_are_named():
         ([], "at least one frame"),
         (with_frame(frames, 3, number=frames[2].number), "number of frame 3"),
         (with_frame(frames, 4, time_s=0.0), "time of frame 4"),
-        (with_frame(frames, 2, tools=frames[2].tools[:1]), "tells of pointer6d, the first one of"),
+        (with_frame(frames, 2, tools=frames[2].tools[:1]), "has pointer6d, the first one of"),
         ([TrackerFrame(0, 0.0, (ToolSample("a", "ok"),))], "status 'ok' and no pose in frame 0"),
     ):
         with pytest.raises(InvalidInputError, match=words):

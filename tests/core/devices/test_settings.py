@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from rona_core.devices.limits import require
 from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.settings import (
     TOOLS,
@@ -8,7 +9,6 @@ from rona_core.devices.settings import (
     ProbeSettings,
     RobotSettings,
     TrackerSettings,
-    require,
 )
 from rona_core.errors import InvalidInputError
 

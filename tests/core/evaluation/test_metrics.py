@@ -9,7 +9,8 @@ from tests.helpers.sphere_world import SphereSpecimen
 
 pytest.importorskip("rona_core.virtual.robot.robot", reason="there is no virtual robot")
 pytest.importorskip("rona_core.path.temporal_filter", reason="there is no path filter")
-from rona_core.evaluation.metrics import KEYS, evaluate
+from rona_core.app.declarations.figures import FIGURES
+from rona_core.evaluation.metrics import evaluate
 from rona_core.evaluation.scan_metrics import detection_figures, true_probe_poses, wrong_inner
 from rona_core.evaluation.truth import Truth
 from rona_core.virtual.rig import build_scene
@@ -60,11 +61,11 @@ def perfect_tool(scene):
 
 def test_a_new_session_has_every_key_and_no_figure(scene):
     figures = evaluate(session_of(), scene)
-    assert tuple(figures) == KEYS
+    assert tuple(figures) == tuple(FIGURES)
     assert figures["completed"] is False
     assert figures["failed_step"] == "tool"
     others = [v for k, v in figures.items() if k not in ("completed", "failed_step", "reason")]
-    assert others == [None] * (len(KEYS) - 3)
+    assert others == [None] * (len(FIGURES) - 3)
 
 
 def test_results_are_scored_as_they_come(scene):

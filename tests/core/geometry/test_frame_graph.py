@@ -112,6 +112,7 @@ def test_errors_that_cancel_are_seen_to_cancel():
     assert apart.covariance("base", "tip")[5, 5] == pytest.approx(2.0)
 
 
+@pytest.mark.slow
 def test_disturbed_graphs_scatter_as_told():
     rng = np.random.default_rng(1)
     frames = graph(rng)

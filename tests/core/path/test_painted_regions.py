@@ -59,6 +59,7 @@ def test_a_stroke_holds_what_lies_within_its_brush_and_its_shadow_holds_more(see
     assert (flat >= painted.depths_mm("avoid", places) - 1e-9).all()
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("pattern", [raster, spiral])
 @given(seed=seeds, spacing=st.sampled_from([2.0, 3.7]))
 @few

@@ -1,6 +1,5 @@
 """The procedure by as few clicks as it takes, and a count of what a hand did."""
 
-from tests.helpers.ui import hand
 from tests.helpers.ui.browser_driver import STEPS, Surgeon, wait_for
 
 # the steps behind the set-up, and the words of their primary button
@@ -14,7 +13,7 @@ PRIMARY = {
     "Scan": "Scan",
     "Maps": "Map the boundaries",
 }
-TO_PLAN, TO_MAPS = 6, 11  # clicks from the set-up to a certified plan, and to maps
+TO_PLAN, TO_MAPS = 6, 9  # clicks from the set-up to a certified plan, and to maps
 MOST = 12  # with the steps that are looked at before it goes on
 COUNT = """(event) => {
   window.removeEventListener(window.countedEvent, window.counter, true);
@@ -53,11 +52,18 @@ def new_session(surgeon: Surgeon) -> None:
     wait_for(lambda: surgeon.states()[1:3] == ["ready", "ready"], "its steps")
 
 
+def mounted(surgeon: Surgeon) -> bool:
+    """Return whether the mounting of the probe is calibrated."""
+    results = surgeon.ask("/sessions/current/results/scan")["results"]
+    return results["mounting"]["value"] is not None
+
+
 def run_next(surgeon: Surgeon, step: str) -> bool:
     """Run the step behind the one that is open, and wait for its end.
 
     Returns whether the one that is open had a figure that does not pass, which is to be looked at
-    before: that takes a click more. The scan is never started from another step.
+    before: that takes a click more. The scan is never started from another step: the gauge plate,
+    which is offered before it, opens its step.
     """
     number = STEPS.index(step)
     looked = surgeon.ask("/sessions/current/quality")
@@ -66,14 +72,16 @@ def run_next(surgeon: Surgeon, step: str) -> bool:
         for row in looked
         if row["step"] == STEPS[number - 1].lower() and row["verdict"] in ("review", "fail")
     ]
-    if doubtful or step == "Scan":
+    if doubtful:
         surgeon.button(f"Next: {number + 1} {step}").click()
-        if step == "Scan":
-            hand.unfold(surgeon, "Probe mounting")
-            hand.carry_out(surgeon, "Record on gauge plate")
+    if step == "Scan":
+        surgeon.button("Continue: Record on gauge plate").click()
+        wait_for(lambda: mounted(surgeon), "the mounting")
+        surgeon.wait_idle()
+    if doubtful or step == "Scan":
         surgeon.button(PRIMARY[step]).click()
     else:
         surgeon.button(f"Continue: {PRIMARY[step]}").click()
     surgeon.wait_state(step, "done")
     surgeon.wait_idle()
-    return bool(doubtful) and step != "Scan"
+    return bool(doubtful)

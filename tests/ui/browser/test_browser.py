@@ -83,6 +83,7 @@ def within_limits(surgeon: Surgeon) -> None:
     assert rows["coverage_fraction"]["value"] >= 0.9
 
 
+@pytest.mark.ci
 def test_the_page_opens_on_a_copy_of_the_demo_session(surgeon: Surgeon) -> None:
     assert surgeon.states() == ["done"] * len(STEPS)
     assert "not saved" in surgeon.saved()
@@ -248,6 +249,7 @@ def test_a_value_out_of_range_is_told_and_the_field_shows_the_truth(surgeon: Sur
     wait_for(lambda: radius.input_value() == held, "the field to show the truth")
 
 
+@pytest.mark.ci
 def test_all_steps_by_keys_alone(surgeon: Surgeon) -> None:
     new_session(surgeon)
     count(surgeon, "pointerdown")

@@ -7,8 +7,8 @@ import pytest
 from tests.helpers.ui.browser_driver import COARSE, PATIENCE_S, SMALL, Surgeon, wait_for
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
-# at each focus of the viewer, which tries to connect anew at that moment: were its docks there, or was
-# the first connection given up, as the viewer does after 5 s
+# at each focus of the viewer, which connects anew at that moment: its docks are there, or the first
+# connection was given up, as the viewer does after 5 s
 GIVEN_UP_MS = 5000
 WATCH = f"""window.focused = [];
 window.addEventListener('focus', () => {{

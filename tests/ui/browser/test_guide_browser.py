@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from rona_core.app.procedure import IMPLANT, PROCEDURE
+from rona_core.app.procedure import PROCEDURE
 from tests.helpers.ui.browser_driver import Surgeon, wait_for
 
 GUIDE = Path(__file__).parents[3] / "static" / "page" / "sessions" / "guide.js"
@@ -53,4 +53,4 @@ def test_it_plays_step_by_step_waits_when_it_is_paused_and_keeps_what_was_done(
 
 def test_every_message_of_the_procedure_has_a_caption() -> None:
     captions = re.findall(r"^  (\w+): \"", GUIDE.read_text("utf-8"), re.MULTILINE)
-    assert sorted(captions) == sorted({type(m).__name__ for _, m in PROCEDURE + IMPLANT})
+    assert sorted(captions) == sorted({type(stage.message).__name__ for stage in PROCEDURE})

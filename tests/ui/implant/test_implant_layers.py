@@ -8,10 +8,8 @@ import pytest
 from rona_core.app.steps.implant.view import milling_view
 from rona_core.planning.milling.milling_path import Move
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
 from rona_ui.presentation.colors import MILLING_COLORS, viridis
 from rona_ui.presentation.view_state import LAYERS, ViewState
-from rona_ui.resources import demo_session
 from rona_ui.scene.cut_plane import cut_plane
 from rona_ui.scene.implant import (
     ASTRAY,
@@ -68,11 +66,6 @@ class Nodes:
 
     def remove(self, node):
         self.drawn.pop(node, None)
-
-
-@pytest.fixture(scope="module")
-def demo():
-    return load_session(demo_session())
 
 
 @pytest.fixture(scope="module")

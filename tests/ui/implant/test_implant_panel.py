@@ -5,11 +5,12 @@ from types import SimpleNamespace
 
 import pytest
 
+from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.steps.implant.bed_lines import lines_verdict
 from rona_core.app.steps.implant.burr.messages import StartBurrCapture
-from rona_core.app.steps.implant.burr.view import burr_view
-from rona_core.app.steps.implant.export import MOTIONS, NAMES, export_bed
+from rona_core.app.steps.implant.burr.view import burr_words
+from rona_core.app.steps.implant.export import EXPORTS, MOTIONS
 from rona_core.app.steps.implant.messages import (
     PlaceBed,
     PlanMilling,
@@ -26,15 +27,14 @@ from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.compose import new_workbench
 from rona_core.errors import NotFoundError, StaleResultError, StepBlockedError
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
 from rona_ui.panels.implant.implant import NO_CHANCE, ImplantPanel
 from rona_ui.presentation.shown import opens_window
 from rona_ui.presentation.view_state import ViewState
-from rona_ui.resources import demo_session
 from rona_ui.window.background_figures import milling_of
 from rona_ui.window.browser import Browser
 from tests.helpers.ui.beds import bed_only, laid_astray
 from tests.helpers.ui.fake_gui import FakeGui
+from tests.scenes import demo_parts
 from tests.ui.panels.test_panels import CLIENT, Recorder
 from tests.ui.panels.test_panels import snapshot as any_snapshot
 
@@ -43,7 +43,7 @@ STEP = ViewState(step="implant")
 
 @pytest.fixture(scope="module")
 def demo():
-    return bed_only(load_session(demo_session()))
+    return bed_only(demo_parts.demo())
 
 
 @pytest.fixture(scope="module")
@@ -167,29 +167,29 @@ def test_without_a_bed_only_the_fields_are_there():
 def test_the_chosen_file_is_downloaded(demo):
     gui, recorder, _ = panel_of(snapshot(demo))
     chosen, button = gui.find("dropdown", "File"), gui.find("button", "Download bed")
-    assert tuple(chosen.options) == tuple(name for name in NAMES if name not in MOTIONS)
+    assert tuple(chosen.options) == tuple(one.name for one in EXPORTS if one.name not in MOTIONS)
     chosen.value = "bed.stl"
     button.happen(CLIENT)
-    assert recorder.services == ["export-bed:bed.stl"]
+    assert recorder.services == ["export:bed.stl"]
     sent = []
     browser = object.__new__(Browser)
     browser.client = SimpleNamespace(
         send_file_download=lambda name, data, **rest: sent.append((name, data))
     )
     browser._hub = SimpleNamespace(get=lambda: SimpleNamespace(session=demo))
-    browser._serve("export-bed:bed.stl", None)
-    assert sent == [("bed.stl", export_bed(demo, "bed.stl"))]
+    browser._serve("export:bed.stl", None)
+    assert sent == [("bed.stl", REGISTRY.export(demo, "bed.stl"))]
 
 
 def test_what_cannot_be_exported_says_why(demo, astray, stale):
     with pytest.raises(NotFoundError, match=r"bed\.stl"):
-        export_bed(demo, "bed.step")
+        REGISTRY.export(demo, "bed.step")
     with pytest.raises(StepBlockedError, match="place the implant bed"):
-        export_bed(Session(), "bed.stl")
+        REGISTRY.export(Session(), "bed.stl")
     with pytest.raises(StepBlockedError, match="choose another place"):
-        export_bed(astray, "bed.stl")
+        REGISTRY.export(astray, "bed.stl")
     with pytest.raises(StaleResultError, match="stale"):
-        export_bed(stale, "bed.stl")
+        REGISTRY.export(stale, "bed.stl")
 
 
 def test_a_stale_bed_is_neither_green_nor_given_away(stale):
@@ -203,8 +203,7 @@ def test_the_robot_is_asked_by_a_button_and_its_verdict_stands_beside_it(demo):
     gui, recorder, _ = panel_of(snapshot(demo))
     gui.find("button", "Plan milling").happen(CLIENT)
     assert recorder.sent[-1] == PlanMilling()
-    bench = new_workbench(demo)
-    bench.run(PlanMilling())
+    bench = new_workbench(demo_parts.demo().with_result("rehearsal", None))
     gui, _, _ = panel_of(snapshot(demo), snapshot(bench.session))
     said = milling_verdict(milling_plan_of(bench.session))
     assert f'<div class="r-note good">{said}</div>' in gui.html()
@@ -218,16 +217,15 @@ def test_the_robot_is_asked_by_a_button_and_its_verdict_stands_beside_it(demo):
 def test_the_rehearsal_waits_for_a_plan_and_its_verdict_stands_below_it(demo):
     gui, recorder, _ = panel_of(snapshot(demo))
     assert gui.find("button", "Rehearse milling").disabled
-    bench = new_workbench(demo)
-    bench.run(PlanMilling())
+    rehearsed = demo_parts.demo()
+    bench = new_workbench(rehearsed.with_result("rehearsal", None))
     gui, recorder, _ = panel_of(snapshot(demo), snapshot(bench.session))
     button = gui.find("button", "Rehearse milling")
     assert not button.disabled
     button.happen(CLIENT)
     assert recorder.sent[-1] == RehearseMilling()
-    bench.run(RehearseMilling())
-    said = rehearsal_verdict(bench.session.results.get("rehearsal").value)
-    gui, _, _ = panel_of(snapshot(demo), snapshot(bench.session))
+    said = rehearsal_verdict(rehearsed.results.get("rehearsal").value)
+    gui, _, _ = panel_of(snapshot(demo), snapshot(rehearsed))
     assert said in gui.html()
     bench.dispatch(SetProbe(name="1MHz"))
     gui, _, _ = panel_of(snapshot(demo), snapshot(bench.session))
@@ -261,7 +259,7 @@ def test_the_burr_is_registered_by_a_button_and_its_error_stands_below_it(demo):
     button.happen(CLIENT)
     assert recorder.sent[-1] == StartBurrCapture()
     found = demo.results.get("burr").value
-    assert burr_view(demo).sentence in gui.html()
+    assert burr_words(demo) in gui.html()
     assert f"expected error {found.tip_sigma_mm:.2f} mm" in gui.html()
     gui, _, _ = panel_of(snapshot(demo), snapshot(demo.with_result("burr", None)))
     assert "Not registered: the burr may be off by 0.4 mm" in gui.html()

@@ -10,20 +10,13 @@ from rona_core.app.steps.implant.view import moved_bed
 from rona_core.compose import new_workbench
 from rona_core.errors import StepBlockedError
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
 from rona_ui.presentation.shown import opens_window
-from rona_ui.resources import demo_session
 from rona_ui.scene.implant import MOVED, MovedBedLayer, ring_base
 from tests.ui.implant.test_implant_layers import drawn, looked_at
 from tests.ui.implant.test_implant_panel import STEP, panel_of, snapshot
 from tests.ui.panels.test_panels import CLIENT
 
 MOVING = replace(STEP, drawing="implant")
-
-
-@pytest.fixture(scope="module")
-def demo():
-    return load_session(demo_session())
 
 
 def test_the_bed_goes_where_the_skull_was_clicked_and_asks_for_the_same(demo):

@@ -2,18 +2,19 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
+from html import unescape
 from typing import Any
 
 import pytest
 
 from rona_core.app.dependencies.step_states import step_states
+from rona_core.app.procedure import next_stage
 from rona_core.app.runtime.handling import handle
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.path.messages import MovePathPoint
+from rona_core.app.steps.scan.messages import StartProbeMountingCapture
 from rona_core.devices.live import LiveState
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
 from rona_ui.panels.layout.docks import STEP_PANELS
 from rona_ui.panels.layout.run_bar import GO_ON, RunBar
 from rona_ui.panels.widgets.panel_context import PanelContext
@@ -22,18 +23,12 @@ from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState
 from tests.helpers.ui.fake_gui import FakeClient, FakeGui, FakeHandle
 
-DEMO = Path(__file__).resolve().parents[3] / "sessions" / "demo.rona"
-
-
-@pytest.fixture(scope="module")
-def demo() -> Session:
-    return load_session(DEMO)
-
 
 @pytest.fixture(scope="module")
 def scanned(demo: Session) -> Session:
     """The demo with its scan, and no maps yet."""
-    results = replace(demo.results, maps=None, detection=None, second=None, more={})
+    kept = {name: demo.results.more[name] for name in ("mounting", "landmarks")}
+    results = replace(demo.results, maps=None, detection=None, second=None, more=kept)
     return replace(demo, captures=replace(demo.captures, second=()), results=results)
 
 
@@ -155,6 +150,31 @@ def test_the_scan_is_not_started_from_another_step(scanned):
     at = snapshot(fresh, "roll")
     assert at.step("scan").blocked is None
     assert offered(at) is None
+
+
+def test_what_is_offered_says_what_it_brings_and_is_started_or_skipped(scanned):
+    bare = replace(scanned, captures=replace(scanned.captures, scan=None))
+    at = snapshot(bare.with_result("mounting", None).with_capture("gauge", None), "roll")
+    browser = Browser(at)
+    assert "the place of the probe's face" in unescape(browser.gui.html())
+    browser.click("Continue: Record on gauge plate")
+    assert browser.sent == [StartProbeMountingCapture()]
+    assert browser.at.view.step == "scan"
+    skipping = Browser(at)
+    skipping.click("Skip: Record on gauge plate")
+    assert skipping.at.view.skipped == {"gauge"}
+    skipping.draw(at)
+    hidden = [h for h in skipping.gui.handles if h.label.startswith(("Continue", "Skip"))]
+    assert not any(handle.visible for handle in hidden)  # the scan is looked at first
+
+
+def test_a_further_stage_of_the_open_step_is_sent_as_it_is_proposed(demo):
+    bare = demo.with_result("speed", None).with_capture("references", None)
+    browser = Browser(snapshot(bare, "maps"))
+    assert browser.bar._stage == next_stage(bare)
+    browser.click("Continue: Measure with caliper")
+    assert browser.sent == [next_stage(bare).message]
+    assert browser.at.view.step == "maps"
 
 
 def test_a_stale_step_is_not_built_upon(scanned):

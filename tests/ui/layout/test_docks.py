@@ -6,21 +6,15 @@ from typing import Any
 import pytest
 
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
 from rona_ui.panels.layout.docks import STEP_PANELS, TAB_PANELS, TABS, Docks
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.viewer.fields import Fields
 from rona_ui.viewer.gateway import ViewerGateway
 from tests.helpers.ui.fake_gui import FakeGui
 from tests.ui.layout.test_hints import Recorded
-from tests.ui.layout.test_one_verdict import DEMO, NOTHING, snapshot
+from tests.ui.layout.test_one_verdict import NOTHING, snapshot
 
 PANELS = {**STEP_PANELS, **TAB_PANELS}
-
-
-@pytest.fixture(scope="module")
-def demo() -> Session:
-    return load_session(DEMO)
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from itertools import combinations
 
+import numpy as np
 import pytest
 
 from rona_core.app.overview.frame_graph import FrameRow, frame_rows
@@ -15,7 +16,15 @@ from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.compose import new_workbench
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
-from rona_ui.panels.layout.frames_and_log import PLACES, WIDTH, frame_picture, frames_table
+from rona_ui.panels.layout.frames_and_log import (
+    CHAR_PX,
+    EXPECTED,
+    HALF_HEIGHT,
+    PLACES,
+    WIDTH,
+    frame_picture,
+    frames_table,
+)
 from tests.helpers.strategies import angle_rad
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -102,6 +111,24 @@ def test_a_moved_tracker_is_stale_until_a_stroke_finds_it_again(bench):
     assert angle_rad(found.pose, before.pose) > 0.01
     bench.dispatch(SetUseBaseMarker(use_base_marker=False))
     assert "register again" in tracker().stale_reason
+
+
+def test_no_arrow_crosses_the_box_of_another_frame():
+    edges = {*EXPECTED, ("base", "skull")}
+    assert {frame for edge in edges for frame in edge} == set(PLACES)
+    rows = tuple(FrameRow(*edge, "step", Pose.identity()) for edge in sorted(edges))
+    for line, row in zip(lines(rows, "known"), rows, strict=True):
+        x1, y1, x2, y2 = (float(line.get(key)) for key in ("x1", "y1", "x2", "y2"))
+        for name, (x, y) in PLACES.items():
+            if name in (row.parent, row.child):
+                continue
+            half = CHAR_PX * len(name) + 6.0
+            for share in np.linspace(0.0, 1.0, 200):
+                outside = (
+                    abs(x1 + share * (x2 - x1) - x) > half
+                    or abs(y1 + share * (y2 - y1) - y) > HALF_HEIGHT
+                )
+                assert outside, f"{row.name} crosses {name}"
 
 
 def test_boxes_lie_inside_the_picture_and_apart():

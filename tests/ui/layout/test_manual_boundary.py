@@ -1,7 +1,6 @@
 """The A-scans of the scan by hand in the browser: image, graph, correction, places in the scene."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -11,16 +10,15 @@ from rona_core.app.steps.boundaries.messages import CorrectBoundary
 from rona_core.app.steps.handheld.derivation import hand_poses
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
 from rona_ui.panels.scan.ascan import AScanPanel
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.maps.maps import CELLS, LIFT_MM, NOW, SCAN, ScanLayer, SecondLayer, scan_places
+from tests.scenes import demo_parts
 from tests.ui.panels.test_ascan_panel import CLIENT, Desk, shown
 from tests.ui.panels.test_handheld_panel import session as session
 from tests.ui.panels.test_handheld_panel import snapshot
 from tests.ui.panels.test_obstacles_panel import ROOM
 
-DEMO = Path(__file__).resolve().parents[3] / "sessions" / "demo.rona"
 MAPS = ViewState(step="maps")
 T_BASE_MARKER = Pose.from_rotvec((0.0, 0.0, 0.4), (120.0, -80.0, 30.0))
 
@@ -66,7 +64,7 @@ def test_a_boundary_of_the_scan_by_hand_is_corrected_like_any_other(session):
 
 
 def test_both_scans_are_offered_and_choosing_one_shows_its_maps_too(session):
-    demo = load_session(DEMO)
+    demo = demo_parts.demo()
     both = replace(
         demo,
         captures=replace(demo.captures, sono_scan=session.captures.sono_scan),

@@ -1,14 +1,14 @@
 """Step list, notes of the panels and table of figures say the same of the same thing."""
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from rona_core.app.declarations.figures import FIGURES
 from rona_core.app.dependencies.step_states import step_states
-from rona_core.app.overview.acceptance import FIGURES, judgement, quality_rows
+from rona_core.app.overview.acceptance import judgement, quality_rows
 from rona_core.app.runtime.handling import handle
 from rona_core.app.steps.path.messages import MovePathPoint
 from rona_core.app.steps.scan.messages import StartHome, StartRetract
@@ -17,7 +17,6 @@ from rona_core.devices.live import LiveState
 from rona_core.devices.samples import JointSample
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
 from rona_ui.panels.layout.docks import STEP_PANELS
 from rona_ui.panels.layout.quality import QualityPanel
 from rona_ui.panels.layout.run_bar import GO_ON, RunBar, StepList, StepTitle
@@ -35,13 +34,7 @@ from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.roll import RollsLayer
 from tests.helpers.ui.fake_gui import FakeClient, FakeGui
 
-DEMO = Path(__file__).resolve().parents[3] / "sessions" / "demo.rona"
 NOTHING = PanelContext(*[lambda *_: None] * 5)  # type: ignore[arg-type]
-
-
-@pytest.fixture(scope="module")
-def demo() -> Session:
-    return load_session(DEMO)
 
 
 def snapshot(session: Session, step: str, **parts: Any) -> Snapshot:
@@ -176,7 +169,7 @@ def test_normals_of_a_skull_of_voxels_are_told_why(demo):
     object.__setattr__(of_voxels.setup, "specimen", skull)
     from rona_core.app.overview.acceptance import _with_own_word
 
-    judged_as, reason = _with_own_word("normal_error_p95_deg", "fail", of_voxels)
+    judged_as, reason = _with_own_word(FIGURES["normal_error_p95_deg"], "fail", of_voxels)
     assert judged_as == "fail"
     assert "voxels" in reason
 
@@ -226,7 +219,7 @@ def test_a_stopped_scan_is_partial_by_icon_word_and_reason_and_next_is_not_green
     assert again.color is None  # the primary one
     assert onward.color == "gray"
     title = FakeGui()
-    StepTitle(title).render(None, snapshot(stopped, "maps"))
+    StepTitle(title, NOTHING).render(None, snapshot(stopped, "maps"))
     assert "cover only part" in title.html()
 
 
@@ -287,7 +280,7 @@ def test_what_is_behind_another_robot_cannot_be_started(demo):
     at = snapshot(other, "scan")
     assert bar(at).find("button", "Scan").disabled
     title = FakeGui()
-    StepTitle(title).render(None, at)
+    StepTitle(title, NOTHING).render(None, at)
     assert "First record the tool motion (step 2) again" in title.html()
     assert not bar(snapshot(demo, "scan")).find("button", "Scan again").disabled
 

@@ -3,20 +3,16 @@
 import re
 import threading
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from rona_core.app.dependencies.step_states import step_states
-from rona_core.app.overview.figure_kinds import FIGURES as KINDS
-from rona_core.app.overview.pending_figures import pending_figures
-from rona_core.app.overview.quality_sections import SECTIONS
+from rona_core.app.overview.acceptance import pending_figures
 from rona_core.app.runtime.handling import handle
 from rona_core.app.steps.setup.messages import SetSeed
 from rona_core.devices.live import LiveState
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
 from rona_ui.panels.layout.quality import QualityPanel
 from rona_ui.panels.layout.run_bar import StepList
 from rona_ui.presentation.snapshot import Snapshot
@@ -25,7 +21,6 @@ from rona_ui.window.background_figures import BackgroundFigures
 from tests.helpers.ui.fake_gui import FakeGui
 from tests.ui.layout.test_one_verdict import NOTHING
 
-DEMO = Path(__file__).resolve().parents[3] / "sessions" / "demo.rona"
 FIGURES = {
     "tool_tip_error_mm": 0.21,
     "surface_rms_mm": 0.31,
@@ -35,19 +30,9 @@ FIGURES = {
 }
 
 
-@pytest.fixture(scope="module")
-def demo() -> Session:
-    return load_session(DEMO)
-
-
 def snapshot(session: Session, step: str, **parts: Any) -> Snapshot:
     view = ViewState(step=step)
     return Snapshot(session, view, step_states(session), LiveState(), **parts)
-
-
-@pytest.mark.parametrize("key", KINDS)
-def test_every_figure_has_one_place_in_the_table(key: str) -> None:
-    assert sum(key.startswith(tuple(begins.split())) for _, begins, _ in SECTIONS) == 1
 
 
 def quality(at: Snapshot) -> str:

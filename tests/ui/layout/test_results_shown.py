@@ -2,12 +2,10 @@
 
 import re
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import pytest
 
 from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.runtime.jobs import JobStatus
@@ -19,7 +17,6 @@ from rona_core.mapping.accuracy.map_accuracy import accuracy_words
 from rona_core.mapping.comparison.map_errors import MapErrors
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
 from rona_ui.panels.layout.quality import QualityPanel
 from rona_ui.panels.maps.maps import MapsPanel, color_bar
 from rona_ui.panels.widgets.panel_context import PanelContext
@@ -32,14 +29,8 @@ from rona_ui.scene.path.path import PathLayer
 from rona_ui.scene.viser_nodes import SceneNodes
 from tests.helpers.ui.fake_gui import FakeGui
 
-DEMO = Path(__file__).resolve().parents[3] / "sessions" / "demo.rona"
 SCANNING = JobStatus("1", "StartScan", "running", 0.5)
 NOTHING = PanelContext(*[lambda *_: None] * 5)  # type: ignore[arg-type]
-
-
-@pytest.fixture(scope="module")
-def demo() -> Session:
-    return load_session(DEMO)
 
 
 def snapshot(session: Session, view: ViewState, **parts: Any) -> Snapshot:
@@ -183,12 +174,12 @@ def test_maps_are_drawn_in_the_colours_of_their_errors_where_a_reference_is_ther
     errors = np.where(np.arange(maps.value.inner.ok.shape[1]) % 2, 0.3, -0.3)
     errors = np.broadcast_to(errors, maps.value.inner.ok.shape)
     found = MapComparison("bone.ply", maps.value, MapErrors({"inner": errors.copy()}), ())
-    view = ViewState(step="maps", quantity="error", comparison=found)
+    view = ViewState(step="maps", quantity="error")
     layer = MapLayer(nodes, "inner")
-    layer.render(None, snapshot(demo, view))
+    layer.render(None, snapshot(demo, view, compared=found))
     assert {tuple(color) for color in drawn["/maps/inner"]} == {BLUE, VERMILLION}
     other = replace(found, maps=replace(maps.value))  # of maps that were made anew since
-    layer.render(None, snapshot(demo, replace(view, comparison=other)))
+    layer.render(None, snapshot(demo, view, compared=other))
     assert len(drawn["/maps/inner"]) == 0
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from rona_core.app.declarations.declarations import USABLE
 from rona_core.app.steps.acoustics.messages import (
     AddReferencePoint,
     CalibrateDelayLine,
@@ -10,7 +11,6 @@ from rona_core.app.steps.acoustics.messages import (
     StartProbeSweep,
 )
 from rona_core.app.steps.acoustics.view import (
-    Judged,
     ReferenceGain,
     ReferenceRow,
     probe_performances,
@@ -64,7 +64,7 @@ def test_the_probe_that_the_bone_wants_is_told_where_probes_are_chosen(monkeypat
     before = snapshot()
     for panel in (setup, sweep):
         panel.render(None, before)
-    assert gui.html().count("1 MHz for bone over 8 mm") == 2
+    assert gui.html().count("1 MHz for bone of 4 to 14 mm") == 2
     advice = BoneVerdict("thick", "2.25MHz", "1MHz", "The bone is thick.")
     monkeypatch.setattr("rona_ui.panels.setup.probe.probe_advice", lambda session: advice)
     for panel in (setup, sweep):
@@ -92,13 +92,11 @@ def test_points_can_be_measured_and_added_once_there_is_a_map_only():
     assert recorder.sent == [StartCaliperMeasurements(n=5), AddReferencePoint(thickness, scan=12)]
 
 
-def test_a_speed_is_given_only_where_somebody_chose_so():
+def test_a_speed_of_zero_is_none_given():
     gui = FakeGui()
     panel = MapsPanel(gui, Recorder().context)
-    given = gui.find("number", "Sound speed (mm/µs)")
-    given.value = 2.5
     assert panel.message() == StartMapping()
-    gui.find("dropdown", "Speed of sound").value = "Entered below"
+    gui.find("number", "Sound speed (mm/µs)").value = 2.5
     assert panel.message() == StartMapping(sound_speed_mm_per_us=2.5)
 
 
@@ -143,7 +141,6 @@ def test_the_gain_is_promised_before_anything_is_measured(monkeypatch):
     assert not gui.find("button", "Measure more").visible  # than none
     gui.find("button", "Measure more").happen(CLIENT)
     assert recorder.sent == [StartCaliperMeasurements(n=3, append=True)]
-    good = Judged("2.700 ± 0.030 mm/µs, good.", "good")
-    monkeypatch.setattr("rona_ui.panels.acoustics.speed_state", lambda session: good)
+    monkeypatch.setattr("rona_ui.panels.acoustics.judge_part", lambda name, session: USABLE)
     panel.render(None, snapshot())
     assert promised not in gui.html()  # nothing is asked for that is there

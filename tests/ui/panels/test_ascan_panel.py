@@ -1,7 +1,6 @@
 """A-scans in the browser: image, graph, correcting by hand, and the second pass in step 9."""
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,6 @@ from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartM
 from rona_core.app.steps.scan.planned_motion import joints_at
 from rona_core.devices.live import LiveState
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
 from rona_ui.panels.maps.maps import MapsPanel
 from rona_ui.panels.scan.ascan import BELOW, SERIES, AScanPanel, ascan_data, box
 from rona_ui.panels.scan.bscan_slider import FINE, HEIGHT_PX, STRIP_PX, scan_pixels
@@ -31,13 +29,7 @@ from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.maps.maps import CELLS, PATH, SecondLayer
 from tests.helpers.ui.fake_gui import FakeClient, FakeGui
 
-DEMO = Path(__file__).resolve().parents[3] / "sessions" / "demo.rona"
 CLIENT = FakeClient()
-
-
-@pytest.fixture(scope="module")
-def demo() -> Session:
-    return load_session(DEMO)
 
 
 def nothing(*_: Any) -> None:

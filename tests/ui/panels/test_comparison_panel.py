@@ -7,27 +7,26 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.steps.maps.comparison import compare_maps, compare_with_truth
-from rona_core.app.steps.maps.export import export_maps
+from rona_core.app.steps.maps.messages import StartComparison
 from rona_core.compose import new_workbench
 from rona_core.errors import InvalidInputError
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
-from rona_ui.panels.maps.comparison import ComparisonFolder, compared_with_file
+from rona_ui.panels.maps.comparison import ComparisonFolder, comparison_message
 from rona_ui.presentation.shown import opens_window
 from rona_ui.presentation.view_state import ViewState
-from rona_ui.resources import demo_session
 from rona_ui.scene.path.path_editing import point_at
 from rona_ui.window.browser import COMPARE
 from tests.helpers.ui.fake_gui import FakeClient, FakeGui
-from tests.scenes.map_ct import ct_of
+from tests.scenes import demo_parts
 from tests.ui.panels.test_panels import Recorder
 from tests.ui.panels.test_panels import snapshot as any_snapshot
 
 
 @pytest.fixture(scope="module")
 def bench():
-    bench = new_workbench(load_session(demo_session()))
+    bench = new_workbench(demo_parts.demo())
     yield bench
     bench.close()
 
@@ -45,13 +44,13 @@ def test_the_true_bone_is_there_at_once_and_a_file_takes_its_place(bench):
     assert f"{truth.figures[0].rms_mm:.2f}" in gui.html()
     back = gui.find("button", "Compare with the true bone")
     assert not back.visible
-    found = compare_maps(demo, export_maps(demo, "outer.ply"), "<outer>.ply", "surface")
-    folder.render(shown, replace(shown, view=replace(shown.view, comparison=found)))
+    found = compare_maps(demo, REGISTRY.export(demo, "outer.ply"), "<outer>.ply", "surface")
+    folder.render(shown, replace(shown, compared=found))
     assert back.visible
     assert "&lt;outer&gt;.ply" in gui.html()
     assert "can not be seen" in gui.html()
     other = replace(found, maps=replace(found.maps))  # of maps that were made anew since
-    folder.render(None, replace(shown, view=replace(shown.view, comparison=other)))
+    folder.render(None, replace(shown, compared=other))
     assert "True bone" in gui.html()
 
 
@@ -107,18 +106,18 @@ def test_what_each_pair_is_off_by_is_shown_until_the_pairs_change(bench):
     corners = ((0.0, 0.0, 0.0), (30.0, 0.0, 0.0), (0.0, 30.0, 0.0), (0.0, 0.0, 31.0))
     pairs = tuple((corner, corner[:2] + (min(corner[2], 30.0),)) for corner in corners)
     points = tuple(zip(*pairs, strict=True))
-    found = compare_maps(demo, export_maps(demo, "outer.ply"), "outer.ply", "points", points)
+    found = compare_maps(demo, REGISTRY.export(demo, "outer.ply"), "outer.ply", "points", points)
     off = found.place.points_off_mm
     assert 0.1 < off.max() < 1.0
-    view = ViewState(step="maps", comparison=found, pairs=pairs, compared_pairs=pairs)
+    view = ViewState(step="maps", pairs=pairs, compared_pairs=pairs)
 
     def table():
         return next(h.content for h in gui.handles if "in the file" in h.content)
 
-    folder.render(None, any_snapshot(demo, view=view))
+    folder.render(None, any_snapshot(demo, view=view, compared=found))
     assert all(f">{one:.2f}<" in table() for one in off)
     changed = (*pairs[:3], ((1.0, 1.0, 1.0), (1.0, 1.0, 1.0)))  # as many, but others
-    folder.render(None, any_snapshot(demo, view=replace(view, pairs=changed)))
+    folder.render(None, any_snapshot(demo, view=replace(view, pairs=changed), compared=found))
     assert table().count(">–<") == 4
 
 
@@ -134,30 +133,26 @@ def test_pointing_at_the_skull_gives_the_place_that_was_measured_there(bench):
     assert np.linalg.norm(np.subtract(view.pair_place, aim)) < 2.0
 
 
-def test_the_page_lays_a_file_by_its_pairs_and_asks_for_three(bench):
-    demo = bench.session
-    data = export_maps(demo, "outer.ply")
+def test_the_page_lays_a_file_by_its_pairs_and_asks_for_three():
     pairs = tuple((p, (p[0] + 1.5, p[1], p[2])) for p in ((0.0, 0.0, 0.0), (9.0, 0.0, 0.0)))
     two, lay = ViewState(pairs=pairs), COMPARE["compare-points"]
     with pytest.raises(InvalidInputError, match="3 pairs of points or more, not 2"):
-        compared_with_file(demo, data, "outer.ply", lay, two)
-    assert compared_with_file(demo, data, "outer.ply", "none", two).place.points_off_mm is None
+        comparison_message("outer.ply", lay, two)
+    alone = comparison_message("outer.ply", "none", two)
+    assert (alone.points_reference_mm, alone.points_base_mm) == ((), ())
     whole = (*pairs, ((0.0, 9.0, 0.0), (1.5, 9.0, 0.0)))
-    laid = compared_with_file(demo, data, "outer.ply", lay, ViewState(pairs=whole))
-    np.testing.assert_allclose(laid.place.T_base_mesh.translation, (1.5, 0.0, 0.0), atol=1e-9)
-    np.testing.assert_allclose(laid.place.points_off_mm, 0.0, atol=1e-9)
+    laid = comparison_message("outer.ply", lay, ViewState(pairs=whole))
+    assert laid.register == "points"
+    assert tuple(zip(laid.points_reference_mm, laid.points_base_mm, strict=True)) == whole
 
 
-def test_the_threshold_of_the_page_tells_bone_in_a_ct(bench):
+def test_the_threshold_of_the_page_separates_bone_in_a_ct():
     gui, recorder = FakeGui(), Recorder()
     ComparisonFolder(gui, recorder.context)
     field = gui.find("number", "Bone threshold")
     assert field.value == 300.0
     field.value = 750.0
     field.happen(FakeClient())
-    assert recorder.shown.bone_threshold == 750.0
-    ct = ct_of(bench.session.results.maps.value)
-    found = compared_with_file(bench.session, ct, "head.nii", "none", recorder.shown)
-    assert found.figures[0].p95_mm < 0.06
-    with pytest.raises(InvalidInputError, match="check the threshold"):
-        compared_with_file(bench.session, ct, "head.nii", "none", ViewState(bone_threshold=5e3))
+    assert comparison_message("head.nii", "none", recorder.shown) == StartComparison(
+        "head.nii", threshold=750.0
+    )

@@ -2,27 +2,19 @@
 
 from types import SimpleNamespace
 
-import pytest
-
-from rona_core.app.steps.maps.export import NAMES, export_maps
+from rona_core.app.declarations.registry import REGISTRY
+from rona_core.app.steps.maps.export import EXPORTS
 from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.compose import new_workbench
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
 from rona_ui.panels.maps.export import ExportFolder
 from rona_ui.presentation.view_state import ViewState
-from rona_ui.resources import demo_session
 from rona_ui.window.browser import Browser
 from tests.helpers.ui.fake_gui import FakeClient, FakeGui
 from tests.ui.panels.test_panels import Recorder
 from tests.ui.panels.test_panels import snapshot as any_snapshot
 
 CLIENT = FakeClient()
-
-
-@pytest.fixture(scope="module")
-def demo():
-    return load_session(demo_session())
 
 
 def snapshot(session):
@@ -34,7 +26,7 @@ def test_the_chosen_file_is_downloaded(demo):
     panel = ExportFolder(gui, recorder.context)
     panel.render(None, snapshot(demo))
     chosen, button = gui.find("dropdown", "File"), gui.find("button", "Download maps")
-    assert tuple(chosen.options) == NAMES
+    assert tuple(chosen.options) == tuple(one.name for one in EXPORTS)
     assert not button.disabled
     button.happen(CLIENT)
     chosen.value = "bone.stl"
@@ -68,4 +60,4 @@ def test_the_browser_is_sent_the_file(demo):
     )
     browser._hub = SimpleNamespace(get=lambda: SimpleNamespace(session=demo))
     browser._serve("export:outer.ply", None)
-    assert sent == [("outer.ply", export_maps(demo, "outer.ply"))]
+    assert sent == [("outer.ply", REGISTRY.export(demo, "outer.ply"))]

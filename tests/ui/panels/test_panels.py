@@ -158,7 +158,7 @@ def test_a_scan_that_was_stopped_while_the_tool_was_weighed_says_so_and_goes_on_
 
 def test_a_blocked_step_cannot_be_started_and_says_why() -> None:
     gui, _, run = bar()
-    title = StepTitle(gui)
+    title = StepTitle(gui, Recorder().context)
     for part in (run, title):
         part.render(None, snapshot(view=ViewState(step="scan")))
     assert gui.find("button", "Scan").disabled

@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -29,7 +28,6 @@ from rona_core.app.steps.setup.clearance import clearance_violations, drawn_obst
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.verification.verifier import verify_scan
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
 from rona_ui.panels.roll.certificate import ChecksPanel
 from rona_ui.panels.roll.joints_graph import joint_data
 from rona_ui.panels.roll.roll import RollPanel
@@ -45,7 +43,6 @@ from rona_ui.scene.viser_nodes import SceneNodes
 from tests.helpers.ui.fake_gui import FakeGui
 from tests.ui.panels.test_panels import CLIENT, Recorder, snapshot
 
-DEMO = Path(__file__).resolve().parents[3] / "sessions" / "demo.rona"
 ROLL = ViewState(step="roll")
 
 
@@ -63,11 +60,6 @@ class FakeScene:
             return node
 
         return add
-
-
-@pytest.fixture(scope="module")
-def demo() -> Session:
-    return load_session(DEMO)
 
 
 @pytest.fixture(scope="module")

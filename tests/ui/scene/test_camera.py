@@ -114,6 +114,23 @@ def test_views_of_the_head_show_all_of_it_large(name: str) -> None:
     assert 0.5 < np.abs(places).max() < 1.0
 
 
+@pytest.mark.parametrize(
+    ("name", "side", "up"),
+    [
+        ("AP", (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),  # of the head: right, front, top
+        ("Vertex", (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)),
+        ("Lateral L", (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
+        ("Lateral R", (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
+    ],
+)
+def test_radiological_views_are_taken_from_the_side_they_name(name, side, up) -> None:
+    axes = Pose.from_rotvec((1.2, -0.9, 0.4), np.zeros(3)).rotation
+    sight = camera_pose(name, replace(SCENE, head_axes_base=axes))
+    away = sight.eye_base - sight.target_base
+    np.testing.assert_allclose(away / np.linalg.norm(away), axes @ side, atol=1e-12)
+    np.testing.assert_allclose(sight.up_base, axes @ up, atol=1e-12)
+
+
 def test_picking_the_region_and_pivoting_by_hand_have_a_view_of_their_own() -> None:
     at = Snapshot(Session(), ViewState(step="setup"), (), LiveState())
     assert shown_preset(at) == "Overview"

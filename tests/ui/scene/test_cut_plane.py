@@ -1,7 +1,6 @@
 """The cut through what is drawn: triangles at a plane, the bone between the maps, what is shown."""
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,6 @@ from rona_core.geometry.mesh import Mesh
 from rona_core.geometry.pose import Pose
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
 from rona_ui.presentation.camera import HEAD, camera_pose
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.static_scene import StaticScene
@@ -26,8 +24,8 @@ from rona_ui.scene.maps.map_section import BAND, INNER, OUTER, ProfileLayer, ban
 from rona_ui.scene.maps.maps import MapLayer
 from rona_ui.scene.setup.skull import NODE, RIM, RIM_MM, SkullLayer, with_window
 from tests.helpers.strategies import random_pose, seeds, unit_vectors
+from tests.scenes import demo_parts
 
-DEMO = Path(__file__).resolve().parents[3] / "sessions" / "demo.rona"
 RADIUS_MM = 80.0
 
 
@@ -289,7 +287,7 @@ def test_a_skull_that_is_cut_away_is_hidden_but_still_there_to_be_clicked_later(
 @pytest.fixture(scope="module")
 def demo() -> Snapshot:
     """The demo session with its maps, beneath a region that stands where the maps are."""
-    session = load_session(DEMO)
+    session = demo_parts.demo()
     outer = session.results.maps.value.outer
     scene = static_scene(
         region_center_base=outer.points_base().mean(axis=0),

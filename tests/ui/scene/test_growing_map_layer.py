@@ -4,26 +4,18 @@ import time
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from rona_core.app.runtime.jobs import JobStatus
 from rona_core.app.steps.maps.growing_map import GrowingMap
 from rona_core.devices.live import LiveState
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
 from rona_ui.panels.scan.scan import growing_bar
 from rona_ui.presentation.view_state import ViewState
-from rona_ui.resources import demo_session
 from rona_ui.scene.maps.growing_map import NODE, GrowingMapLayer
 from rona_ui.window.background_growth import BackgroundGrowth
 from tests.app.maps.test_growing_map import so_far
 from tests.ui.panels.test_panels import snapshot
 from tests.ui.scene.test_volume import Nodes
-
-
-@pytest.fixture(scope="module")
-def demo():
-    return load_session(demo_session())
 
 
 def grown(ordinal, heights=(-1.0, 0.0, 3.0)):

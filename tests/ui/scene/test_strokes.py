@@ -6,22 +6,15 @@ import numpy as np
 import pytest
 
 from rona_core.geometry.mesh import Mesh
-from rona_core.session.files import load_session
 from rona_ui.presentation.colors import SKY, STEEL
 from rona_ui.presentation.static_scene import StaticScene
 from rona_ui.presentation.view_state import ViewState
-from rona_ui.resources import demo_session
 from rona_ui.scene.pointer import LINE, PICKS, DrawingLayer, over_skull
 from rona_ui.scene.surface import CLOUD, STROKE, CloudLayer, StrokeLayer
 from tests.ui.panels.test_panels import snapshot
 from tests.ui.scene.test_volume import Nodes
 
 RADIUS_MM = 80.0
-
-
-@pytest.fixture(scope="module")
-def demo():
-    return load_session(demo_session())
 
 
 @pytest.fixture(scope="module")

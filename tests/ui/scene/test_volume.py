@@ -8,10 +8,8 @@ import pytest
 from rona_core.app.steps.boundaries.handlers import correct_boundary
 from rona_core.app.steps.boundaries.messages import CorrectBoundary
 from rona_core.app.steps.maps.volume import echo_volume
-from rona_core.session.files import load_session
 from rona_ui.panels.maps.volume import VolumeFolder
 from rona_ui.presentation.view_state import ViewState, VolumeView
-from rona_ui.resources import demo_session
 from rona_ui.scene.maps.maps import MapLayer
 from rona_ui.scene.maps.volume import INNER, OUTER, SHEET, SLICES, VolumeLayer, sheet
 from tests.helpers.ui.fake_gui import FakeGui
@@ -44,11 +42,6 @@ class Nodes:
 
     def remove(self, node):
         self.drawn.pop(node, None)
-
-
-@pytest.fixture(scope="module")
-def demo():
-    return load_session(demo_session())
 
 
 def looked_at(session, **fields):

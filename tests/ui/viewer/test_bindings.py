@@ -11,13 +11,11 @@ from rona_core.app.runtime.session_step import RenameSession
 from rona_core.app.steps.scan.messages import StartScan
 from rona_core.app.steps.setup.messages import SetRegion, SetSeed
 from rona_core.errors import InvalidInputError, StepBlockedError
-from rona_ui import labels
-from rona_ui.labels import doing, in_words, label_of, note_label, place_of
-from rona_ui.panels.widgets.form import Form
+from rona_ui.labels import doing, in_words, label_of, place_of
 from rona_ui.viewer import bindings as bindings_module
 from rona_ui.viewer.bindings import DEBOUNCE_S, Bindings, escape, report_error
 from rona_ui.viewer.fields import Typed
-from tests.helpers.ui.fake_gui import FakeClient, FakeGui
+from tests.helpers.ui.fake_gui import FakeClient
 
 
 class FakeBench:
@@ -221,33 +219,20 @@ def test_tell_names_the_kind_of_error() -> None:
     assert client.notices == [("Invalid value", "expected a, got b: do c")]
 
 
-@pytest.fixture
-def only_own_fields(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Forget the fields of panels that other tests have built: two of a name have no label."""
-    monkeypatch.setattr(labels, "_LABELS", {n: {words} for n, words in labels.OTHERS.items()})
-
-
-@pytest.mark.usefixtures("only_own_fields")
 def test_a_refusal_calls_a_parameter_what_its_field_is_called() -> None:
-    form = Form(FakeGui())
-    form.number("radius_mm", "Region radius (mm)", 25.0, 5.0, 45.0, 1.0)
     client = FakeClient()
-    report_error(client, InvalidInputError("radius_mm must be 5 to 45, not 453"))
+    report_error(client, InvalidInputError("travel_mm must be 1 to 10, not 453"))
     report_error(client, InvalidInputError("travel_mm_per_year of my_file.nrrd is 3"))
     assert [body for _, body in client.notices] == [
-        "Region radius (mm) must be 5 to 45, not 453",
+        "Max. correction (mm) must be 1 to 10, not 453",
         "travel_mm_per_year of my_file.nrrd is 3",
     ]
 
 
-@pytest.mark.usefixtures("only_own_fields")
-def test_a_parameter_without_a_field_or_with_two_is_told_in_words() -> None:
+def test_a_parameter_with_two_labels_is_called_by_its_name_in_words() -> None:
     assert in_words("half_turn_deg must be 1 to 85") == "Half turn (deg) must be 1 to 85"
     assert label_of("sound_speed_mm_per_us") == "Sound speed (mm/µs)"
-    note_label("half_turn_deg", "Rotation (deg)")
-    assert label_of("half_turn_deg") == "Rotation (deg)"
-    note_label("half_turn_deg", "Another turn (deg)")
-    assert label_of("half_turn_deg") == "half turn (deg)"
+    assert label_of("radius_mm") == "radius (mm)"  # of the region, of a pattern, of a brush
     assert in_words("seed must be 0 to 9") == "seed must be 0 to 9"
 
 

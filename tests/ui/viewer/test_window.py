@@ -15,9 +15,12 @@ import pytest
 import viser
 import websockets.asyncio.client
 
-from rona_core.app.runtime.jobs import JobStatus
+from rona_core.app.runtime.jobs import Ended, JobStatus
+from rona_core.app.steps.maps.comparison import MapComparison
+from rona_core.app.steps.maps.messages import StartComparison
 from rona_core.compose import build_registry
 from rona_core.errors import InvalidInputError
+from rona_core.mapping.comparison.map_errors import MapErrors
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.server import ServerSettings, server_of
@@ -191,9 +194,41 @@ def test_a_job_that_failed_is_kept_with_its_step_and_one_that_was_cancelled_is_n
     assert client.notices == [("Data not sufficient", words)]
 
 
+# -- comparisons -----------------------------------------------------------------------------------
+
+
+def test_a_browser_is_shown_the_comparison_that_it_started_once_the_job_is_done(world: Any) -> None:
+    server, window = world
+    server.clients[1] = client = Client(1)
+    server.told_of_coming(client)
+    (browser,) = window.browsers
+    found = MapComparison("bone.ply", None, MapErrors({}), ())  # type: ignore[arg-type]
+    go = threading.Event()
+
+    def work(progress: Any, cancel: Any) -> Ended:
+        go.wait(60.0)
+        return Ended(0, found)
+
+    jobs = window._hub.get().jobs
+    others = jobs.start(StartComparison("bone.ply"), work, device=False)
+    started = jobs.start(StartComparison("bone.ply"), work, device=False)
+    browser.view = ViewState(step="maps", comparison=started.id)
+    window.wake()
+    assert soon(lambda: browser.pictures and browser.newest.view is browser.view)
+    assert browser.newest.compared is None
+    go.set()
+    assert soon(lambda: browser.newest.compared is found)
+    jobs.wait(others.id, 60.0)
+    browser.view = ViewState(step="maps")
+    window.wake()
+    assert soon(lambda: browser.newest.view is browser.view)
+    assert browser.newest.compared is None
+
+
 # -- real websockets -------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:Queued a:UserWarning")  # what is built for nobody goes nowhere
 def test_short_visits_leave_nobody_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Browsers that stay a moment only, by the way that real ones come."""

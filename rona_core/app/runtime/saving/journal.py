@@ -31,7 +31,6 @@ from rona_core.session.files import (
     session_bytes,
     session_from_bytes,
 )
-from rona_core.session.message_migration import with_present_message
 
 JOURNAL_SUFFIX = ".journal"
 ROLLBACK_SUFFIX = "-journal"  # of SQLite's own file beside it, in use while a row is added
@@ -152,8 +151,8 @@ def read_journal(path: Path) -> Journal:
     entries: list[LogEntry] = []
     for number, data in good[1:]:
         try:
-            plain = with_present_message(json.loads(data))  # an older RONA may have written it
-            entries.append(decode(plain, LogEntry, {}, f"change {number} of its journal"))
+            entry = decode(json.loads(data), LogEntry, {}, f"change {number} of its journal")
+            entries.append(entry)
         except (ValueError, TypeError, RecursionError, RonaError) as error:
             problem = f"change {number} and those after it cannot be read: {error}"
             return Journal(session, tuple(entries), problem)
@@ -222,26 +221,20 @@ def remove_journal(path: Path) -> None:
     _rollback_of(path).unlink(missing_ok=True)
 
 
-def journal_stamp(path: Path) -> tuple[tuple[int, int], ...]:
-    """Return what changes when a journal does: time and size of its files."""
-    there = [p.stat() for p in (path, _rollback_of(path)) if p.exists()]
-    return tuple((s.st_mtime_ns, s.st_size) for s in there)
-
-
 def _chain(before: bytes, number: Any, data: bytes) -> bytes:
     """Return the chain digest of a row after the one whose chain digest is ``before``."""
     return hashlib.sha256(b"%b%s\n%b" % (before, str(number).encode(), data)).digest()
 
 
-def replay_entries(store: Store, entries: Sequence[LogEntry]) -> str | None:
-    """Do commands of a journal again, at the times when they were first done.
+def restore(store: Store, journal: Journal) -> str | None:
+    """Do the commands of a journal again, at the times when they were first done.
 
     Returns:
-        None, or which one could not be done; those before it are.
+        None, or what could not be read or done again; what comes before it is restored.
     """
-    for entry in entries:
+    for entry in journal.entries:
         try:
             store.dispatch(message_from(entry.message, entry.arguments), entry.time_utc)
         except Exception as error:  # a defect of this version too: what came before is recovered
             return f"change {entry.number} ({entry.message}) cannot be done again: {error}"
-    return None
+    return journal.problem

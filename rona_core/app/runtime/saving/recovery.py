@@ -12,17 +12,14 @@ from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.runtime.saving.autosave import FOLDER
 from rona_core.app.runtime.saving.journal import (
     JOURNAL_SUFFIX,
-    Journal,
     read_journal,
     remove_journal,
-    replay_entries,
+    restore,
 )
 from rona_core.app.runtime.saving.run_folder import dead_folders, hold, remove_if_empty
 from rona_core.app.runtime.store import Store
 from rona_core.errors import NotFoundError, RonaError
-from rona_core.session.files import SUFFIX, load_session, remove_stale_temporaries
-
-OLD_JOURNAL = ".jsonl"  # of a version that kept a session file, and this beside it
+from rona_core.session.files import remove_stale_temporaries
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,18 +42,6 @@ class LostCopy:
 
     key: str
     path: Path
-
-    def load(self) -> Journal:
-        """Return what it holds, and leave it as it is.
-
-        Raises:
-            SessionFormatError: it cannot be read.
-        """
-        if self.path.suffix == JOURNAL_SUFFIX:
-            return read_journal(self.path)
-        rest = self.path.with_suffix(OLD_JOURNAL)
-        text = f"changes that an earlier version kept in {rest} cannot be read by this one"
-        return Journal(load_session(self.path), (), text if rest.exists() else None)
 
     def remove(self) -> None:
         """Remove it, and its folder if it was the last."""
@@ -132,15 +117,9 @@ class Recovery:
     def _copies(self) -> list[LostCopy]:
         held = self._held  # by this program, so that its lock is not free
         folders = {*dead_folders(self._root), *(() if held is None else (held,))}
-        files = [p for f in folders for s in (JOURNAL_SUFFIX, SUFFIX) for p in f.glob(f"*{s}")]
+        files = [p for f in folders for p in f.glob(f"*{JOURNAL_SUFFIX}")]
         found = [LostCopy(f"{path.parent.name}-{path.stem}", path) for path in files]
         return sorted(found, key=lambda copy: copy.key)
-
-
-def restore(store: Store, journal: Journal) -> str | None:
-    """Do again in ``store`` what a journal adds to its copy; returns what was amiss, or None."""
-    failed = replay_entries(store, journal.entries)
-    return failed or journal.problem
 
 
 def _drop_folder(folder: Path) -> None:
@@ -153,7 +132,7 @@ def _describe(copy: LostCopy) -> LostSession:
     when = datetime.fromtimestamp(file.st_mtime, UTC).isoformat(timespec="seconds")
     size = file.st_size
     try:
-        journal = copy.load()
+        journal = read_journal(copy.path)
         store = Store(journal.session)
         problem = restore(store, journal)
     except Exception as error:  # whatever is wrong with it: it is shown, and stays

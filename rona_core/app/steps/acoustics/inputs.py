@@ -2,7 +2,7 @@
 
 from rona_core.app.declarations.inputs import Input, Quantity, given, inputs
 from rona_core.app.dependencies.inputs import capture_input, result_input
-from rona_core.app.dependencies.judged import usable
+from rona_core.app.dependencies.judge import usable
 from rona_core.app.steps.scan.inputs import KNOWN_MOUNTING, POSES
 from rona_core.app.steps.setup.inputs import BLOCK_PROBE, PROBE
 from rona_core.devices.settings import ProbeSettings
@@ -18,10 +18,10 @@ BLOCK: Input[BlockCapture] = capture_input("block")
 REFERENCES: Input[ReferenceCapture] = capture_input("references")
 DETECTION: Input[Detection] = result_input("detection")
 KNOWN_LINE: Input[DelayLine] = Input(
-    lambda s: usable("line", s.results.line, s), "calibrate the delay line (step 1)", optional=True
+    lambda s: usable("line", s), "calibrate the delay line (step 1)", optional=True
 )
 KNOWN_SPEED: Input[SpeedCalibration] = Input(
-    lambda s: usable("speed", s.results.speed, s), "calibrate the speed (step 9)", optional=True
+    lambda s: usable("speed", s), "calibrate the speed (step 9)", optional=True
 )
 
 

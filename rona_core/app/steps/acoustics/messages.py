@@ -1,14 +1,18 @@
 """Messages about the speed of sound, the delay line, and what other probes would do."""
 
-from rona_core.app.messages.message import Point, message, within
-from rona_core.devices.limits import ROW, limited, range_of, require
-from rona_core.devices.settings import Excitation, ProbeName, ProbeSettings
-from rona_core.session.specimen import BoneKind
+from dataclasses import MISSING
+from typing import Any
+
+from rona_core.app.messages.message import Point, message
+from rona_core.devices.limits import ROW, like, limited, number, range_of, require, switch
+from rona_core.devices.probes import PROBE_DATA
+from rona_core.devices.settings import Excitation, ProbeSettings
+from rona_core.session.specimen import BoneChoice, BoneKind
 
 MAX_POINTS = 50
-CALIPER_MM = (0.01, 2.0)  # standard deviation
 MAX_CELLS = 400
-AXIS = {"minItems": 1, "maxItems": 20, "rule": f"at most {MAX_CELLS} combinations"}
+PLACES = "`scan` or `place_base_mm`"
+AXIS: dict[str, Any] = {"minItems": 1, "maxItems": 20, "rule": f"at most {MAX_CELLS} combinations"}
 
 
 @message
@@ -18,10 +22,18 @@ class AddReferencePoint:
     The place is that of an A-scan of the scan, by its number from 0, or a point in base.
     """
 
-    thickness_mm: float = within(0.5, 30.0)
-    scan: int | None = limited(None, **ROW, rule="give either `scan` or `place_base_mm`")
-    place_base_mm: Point | None = within(-1e4, 1e4, default=None)  # of the robot base
-    sigma_mm: float = within(*CALIPER_MM, default=0.1)
+    thickness_mm: float = number(
+        MISSING, "Thickness", "mm", 0.5, 30.0, 0.05, hint="Of the bone, by a caliper"
+    )
+    scan: int | None = number(
+        None, "A-scan no.", "", *ROW, 1, hint="At the measured place", rule=f"Give either {PLACES}"
+    )
+    place_base_mm: Point | None = number(
+        None, "Place", "mm", -1e4, 1e4, 1.0, hint="In the robot base", rule=f"Give either {PLACES}"
+    )
+    sigma_mm: float = number(
+        0.1, "Caliper error", "mm", 0.01, 2.0, 0.01, hint="Standard deviation of the thickness"
+    )
 
     def __post_init__(self) -> None:
         require(
@@ -34,7 +46,7 @@ class AddReferencePoint:
 class RemoveReferencePoint:
     """Forget a reference point, by its number from 0; without a number, forget all."""
 
-    index: int | None = limited(None, **ROW)
+    index: int | None = number(None, "Point no.", "", *ROW, 1, hint="From 0; null: all points")
 
 
 @message
@@ -51,8 +63,8 @@ class CalibrateDelayLine:
     """
 
     # a line that is pressed on gives way by the film that remains
-    film_mm: float = within(0.0, 2.0, default=0.0)
-    use: bool = True
+    film_mm: float = number(0.0, "Gel film", "mm", 0.0, 2.0, 0.01, hint="Between line and block")
+    use: bool = switch(True, "Use the calibration", "Off: the nominal line")
 
 
 @message
@@ -63,8 +75,8 @@ class StartCaliperMeasurements:
     ``append`` the points there are stay, and the places are those that add most to them.
     """
 
-    n: int = within(1, 20, default=3)
-    append: bool = False
+    n: int = number(3, "Number of points", "", 1, 20, 1, hint="At places chosen by the program")
+    append: bool = switch(False, "Append", "Adds to the reference points there are")
 
 
 @message
@@ -75,9 +87,15 @@ class StartDelayLineCapture:
     delay changes with it.
     """
 
-    n: int = within(3, 200, default=20)
-    temperatures_c: tuple[float, ...] = within(
-        *range_of(ProbeSettings, "line_temperature_c"), default=(), maxItems=8
+    n: int = number(20, "Number of A-scans", "", 3, 200, 1, hint="On the block")
+    temperatures_c: tuple[float, ...] = number(
+        (),
+        "Line temperatures",
+        "°C",
+        *range_of(ProbeSettings, "line_temperature_c"),
+        1.0,
+        hint="None: the present one",
+        maxItems=8,
     )
 
 
@@ -88,12 +106,14 @@ class StartProbeSweep:
     Nothing of the specimen goes into it. Every combination is a cell of ``n`` A-scans.
     """
 
-    probes: tuple[ProbeName, ...] = limited(("2.25MHz", "1MHz"), **AXIS)
+    probes: tuple[str, ...] = limited(tuple(PROBE_DATA), enum=tuple(PROBE_DATA), **AXIS)
     excitations: tuple[Excitation, ...] = limited(("pulse", "chirp"), **AXIS)
-    snr_db: tuple[float, ...] = within(0.0, 90.0, default=(30.0, 50.0), **AXIS)
-    thickness_mm: tuple[float, ...] = within(1.0, 16.0, default=(3.0, 5.0, 8.0, 11.0), **AXIS)
-    bone: BoneKind = "normal"
-    n: int = within(5, 400, default=40)
+    snr_db: tuple[float, ...] = number((30.0, 50.0), "SNR", "dB", 0.0, 90.0, 1.0, **AXIS)
+    thickness_mm: tuple[float, ...] = number(
+        (3.0, 5.0, 8.0, 11.0), "Thickness", "mm", 1.0, 16.0, 0.5, **AXIS
+    )
+    bone: BoneKind = like(BoneChoice, "kind")
+    n: int = number(40, "Number of A-scans", "", 5, 400, 1, hint="In each combination")
 
     def __post_init__(self) -> None:
         cells = len(self.probes) * len(self.excitations) * len(self.snr_db)

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from rona_core.app.declarations import declarations as declare
-from rona_core.app.declarations.declarations import ActivityContext, Message
+from rona_core.app.declarations.declarations import ActivityContext, Message, Remedy
 from rona_core.app.dependencies.inputs import require_result, required
+from rona_core.app.dependencies.judge import by_verdict
 from rona_core.app.dependencies.staleness import capture_setup_digest, stale_reason
 from rona_core.app.runtime.handling import compute_result, computed, record
 from rona_core.app.runtime.recording import begin
@@ -187,14 +188,14 @@ STEP = declare.Step(
             record("references", capture_thickness, messages.CalibrateSoundSpeed),
             "Measuring with a caliper",
             needs=(SCAN, DETECTION),
-            records=True,
+            makes=("references",),
             shown_in="maps",
         ),
         declare.Activity(
             messages.StartDelayLineCapture,
             record("block", capture_block, messages.CalibrateDelayLine),
             "Recording on the reference block",
-            records=True,
+            makes=("block",),
             shown_in="setup",
         ),
         declare.Activity(
@@ -220,12 +221,21 @@ STEP = declare.Step(
             messages.CalibrateDelayLine,
             find_line_delay,
             "calibrate the delay line (step 1)",
+            judged=by_verdict(
+                Remedy("take A-scans on the block again (step 1)", messages.StartDelayLineCapture())
+            ),
         ),
         declare.Result.of(
             "speed",
             messages.CalibrateSoundSpeed,
             compare_with_caliper,
             "calibrate the speed (step 9)",
+            judged=by_verdict(
+                Remedy(
+                    "measure more reference points (step 9)",
+                    messages.StartCaliperMeasurements(append=True),
+                )
+            ),
         ),
         declare.Result("what_if", messages.StartProbeSweep, None, {}, "compare probes (step 1)"),
     ),

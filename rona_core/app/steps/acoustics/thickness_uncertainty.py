@@ -68,9 +68,7 @@ def speed_of_maps(session: Session, *, hand: bool = False) -> SpeedCalibration |
     return speed.value if made_of(maps, "speed", speed.value) else None
 
 
-def at_speed_of_maps(
-    session: Session, detection: Detection, poses: Poses, *, hand: bool = False
-) -> Detection:
+def at_speed_of_maps(session: Session, detection: Detection, poses: Poses) -> Detection:
     """Return a detection with its thicknesses as the maps have them: at the speed of each place.
 
     As it is where the maps are at the speed that it was detected with, or there are none.
@@ -79,9 +77,8 @@ def at_speed_of_maps(
         session: Holds the maps and the calibration that they were made with.
         detection: What was found in n A-scans.
         poses: Of the probe at those (n,), in ``base``.
-        hand: The maps of the hand scan are meant.
     """
-    known = speed_of_maps(session, hand=hand)
+    known = speed_of_maps(session)
     if known is None or not len(detection):
         return detection
     places = boundary_points(detection, poses)[0]

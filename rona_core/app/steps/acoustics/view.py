@@ -4,7 +4,7 @@ from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from typing import Any
 
-from rona_core.app.dependencies.judged import Judged
+from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.acoustics.thickness_uncertainty import (
     ReferenceGain,
@@ -14,15 +14,17 @@ from rona_core.app.steps.acoustics.thickness_uncertainty import (
 )
 from rona_core.devices.settings import ProbeSettings
 from rona_core.session.document import Session
-from rona_core.ultrasound.acoustic_calibration.delay_line import DelayLine
 from rona_core.ultrasound.acoustic_calibration.expected_performance import (
     ExpectedPerformance,
     WhatIf,
     expected_performances,
 )
-from rona_core.ultrasound.acoustic_calibration.speed_calibration import SpeedCalibration
 from rona_core.ultrasound.acoustic_calibration.speed_prior import PATIENTS_SHARE
-from rona_core.ultrasound.detection.detect import NOMINAL_LOSS_DB_PER_CM, Detection, heard
+from rona_core.ultrasound.detection.detect import (
+    NOMINAL_LOSS_DB_PER_CM,
+    Detection,
+    has_inner_echoes,
+)
 from rona_core.ultrasound.detection.spatial.detectability import MORE_LOSS
 from rona_core.ultrasound.probe.probe_model import probe_model
 
@@ -83,11 +85,11 @@ def probe_performances(settings: ProbeSettings) -> tuple[ExpectedPerformance, ..
     return expected_performances(replace(settings, pitch_mm=1.0, line_temperature_c=22.0))
 
 
-def line_state(session: Session) -> Judged | None:
-    """Return what is known of the delay line; None without a calibration."""
+def line_words(session: Session) -> str:
+    """Return what is known of the delay line, and whether it is used; empty if not calibrated."""
     held = session.results.line
     if held is None:
-        return None
+        return ""
     line = held.value
     temperature = session.setup.devices.probe.line_temperature_c
     delay_us, sigma_us = line.at(temperature)
@@ -96,27 +98,27 @@ def line_state(session: Session) -> Judged | None:
         f"Line: {delay_us:.3f} ± {sigma_us:.3f} µs at {temperature:.0f} °C "
         f"(nominal {nominal:.3f} µs), {line.n_used} A-scans"
     )
-    return _judged("line", words, line, session)
+    return judge_part("line", session).beside(words)
 
 
-def speed_state(session: Session) -> Judged | None:
-    """Return what is known of the speed of sound; None without a calibration."""
+def speed_words(session: Session) -> str:
+    """Return what is known of the speed of sound, and whether it is used; else empty."""
     held = session.results.speed
     if held is None:
-        return None
+        return ""
     speed = held.value
     words = (
         f"{speed.speed_mm_per_us:.3f} ± {speed.sigma_mm_per_us:.3f} mm/µs "
         f"(± {100 * speed.share:.1f} %), places differ by ± {speed.local_sd_mm_per_us:.3f}"
     )
-    return _judged("speed", words, speed, session)
+    return judge_part("speed", session).beside(words)
 
 
 def loss_words(detection: Detection) -> str:
     """Return the loss of the bone that echoes were judged by, beside the published mean."""
     published = f"published mean of {NOMINAL_LOSS_DB_PER_CM:.1f}"
     loss = detection.bone_loss
-    if not heard(detection):
+    if not has_inner_echoes(detection):
         return (
             f"Bone loss: not learned, too few sure inner echoes, so no pass counts; {published} "
             "dB/cm at 1 MHz taken."
@@ -127,15 +129,6 @@ def loss_words(detection: Detection) -> str:
         f"Bone loss: {loss * NOMINAL_LOSS_DB_PER_CM:.1f} dB/cm at 1 MHz ± {100 * MORE_LOSS:.0f} %, "
         f"learned from the echoes: {loss:.1f} times the {published}."
     )
-
-
-def _judged(name: str, words: str, made: DelayLine | SpeedCalibration, session: Session) -> Judged:
-    """Return a line about a calibration with its verdict and why, or why it is not used."""
-    reason = stale_reason(name, session)
-    if reason is not None:
-        return Judged(f"{words}. Not used: {reason}.", "stale")
-    verdict = ": ".join(filter(None, (made.verdict, "; ".join(made.reasons))))
-    return Judged(f"{words}, {verdict}.", made.verdict)
 
 
 def gain_words(gain: ReferenceGain) -> str:

@@ -1,7 +1,9 @@
 """Commands that correct boundaries of single A-scans by hand; undone like any other."""
 
-from rona_core.app.messages.message import message, within
-from rona_core.devices.limits import ROW, limited, require
+from dataclasses import MISSING
+
+from rona_core.app.messages.message import message
+from rona_core.devices import limits
 from rona_core.ultrasound.detection.manual_corrections import Boundary, BoundaryEdit, ScanName
 
 MAX_TIME_US = 1000.0
@@ -16,15 +18,21 @@ class CorrectBoundary:
     given. What was detected is kept beside it. The maps become stale: compute them again.
     """
 
-    number: int = limited(**ROW)
+    number: int = limits.number(
+        MISSING, "A-scan no.", "", *limits.ROW, 1, hint="Of the scan, from 0"
+    )
     scan: ScanName = "first"
-    outer_us: float | None = within(0.0, MAX_TIME_US, default=None, rule=ONE)
-    inner_us: float | None = within(0.0, MAX_TIME_US, default=None, rule=ONE)
-    remove: Boundary | None = limited(None, rule=ONE)
+    outer_us: float | None = limits.number(
+        None, "Outer boundary", "µs", 0.0, MAX_TIME_US, 0.01, hint="Two-way time", rule=ONE
+    )
+    inner_us: float | None = limits.number(
+        None, "Inner boundary", "µs", 0.0, MAX_TIME_US, 0.01, hint="Two-way time", rule=ONE
+    )
+    remove: Boundary | None = limits.limited(None, rule=ONE)
 
     def __post_init__(self) -> None:
         given = [v for v in (self.outer_us, self.inner_us, self.remove) if v is not None]
-        require(len(given) == 1, "give exactly one of outer_us, inner_us and remove")
+        limits.require(len(given) == 1, "give exactly one of outer_us, inner_us and remove")
 
     def edit(self) -> BoundaryEdit:
         """Return what is kept of it."""
@@ -41,7 +49,11 @@ class ClearBoundaryCorrections:
 
     scan: ScanName | None = None  # None: all of them
     # None: all A-scans
-    number: int | None = limited(None, **ROW, rule="a number needs the `scan` it is of")
+    number: int | None = limits.number(
+        None, "A-scan no.", "", *limits.ROW, 1, rule="a number needs the `scan` it is of"
+    )
 
     def __post_init__(self) -> None:
-        require(self.number is None or self.scan is not None, "a number needs the scan it is of")
+        limits.require(
+            self.number is None or self.scan is not None, "a number needs the scan it is of"
+        )

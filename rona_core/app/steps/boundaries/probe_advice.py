@@ -4,16 +4,9 @@ from dataclasses import replace
 
 from rona_core.app.steps.boundaries.handlers import detection_of_scan
 from rona_core.session.document import Session
-from rona_core.ultrasound.detection.bone_verdict import (
-    PROBE_TITLES,
-    THICK_MM,
-    THIN_MM,
-    BoneVerdict,
-    judge_bone,
-)
+from rona_core.ultrasound.detection.bone_verdict import BoneVerdict, judge_bone
 from rona_core.ultrasound.detection.manual_corrections import ScanName
 
-__all__ = ["PROBE_TITLES", "THICK_MM", "THIN_MM", "BoneVerdict", "judge_bone", "probe_advice"]
 SCANS: tuple[ScanName, ...] = ("first", "second", "hand")
 
 

@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 
 from rona_core.app.declarations import declarations as declare
-from rona_core.app.declarations.declarations import ActivityContext, Message
+from rona_core.app.declarations.declarations import ActivityContext, Message, Remedy
 from rona_core.app.declarations.inputs import Input
 from rona_core.app.dependencies.base_reference import found_again
 from rona_core.app.dependencies.inputs import capture_input, result_input
+from rona_core.app.dependencies.judge import by_verdict
 from rona_core.app.dependencies.staleness import capture_setup_digest
 from rona_core.app.messages.message import StoreCapture
 from rona_core.app.runtime.handling import compute_result, compute_several, record
@@ -128,14 +129,14 @@ STEP = declare.Step(
             messages.StartHandheldCalibration,
             record_calibration,
             "Calibrating the SonoPointer",
-            records=True,
+            makes=("sono_pivot", "sono_spin"),
         ),
         declare.Activity(
             messages.StartHandheldScan,
             record("sono_scan", capture_sono_scan),
             "Scanning by hand",
             needs=(CALIBRATION,),
-            records=True,
+            makes=("sono_scan",),
         ),
         declare.Activity(
             messages.StartHandheldMapping,
@@ -151,14 +152,6 @@ STEP = declare.Step(
             "sono_scan",
             "scan by hand (step 9)",
             (parts.tracker, parts.robot, parts.specimen, parts.bone_and_hand_probe, parts.HEAD),
-            # older files: it depended on the pitch of the probe, too
-            earlier_setup=(
-                parts.tracker,
-                parts.robot,
-                parts.specimen,
-                parts.bone_and_probe,
-                parts.HEAD,
-            ),
             stored=_forget_corrections,
         ),
     ),
@@ -169,6 +162,12 @@ STEP = declare.Step(
             derive_sono,
             {"pivot": PIVOT, "spin": SPIN},
             "calibrate the SonoPointer (step 9)",
+            judged=by_verdict(
+                Remedy(
+                    "calibrate the SonoPointer again (step 9)", messages.StartHandheldCalibration()
+                ),
+                used=True,
+            ),
         ),
         declare.Result(
             "sono_detection",

@@ -48,7 +48,7 @@ def derive_bed_lines(
 
     Raises:
         StepBlockedError: there is no bed, or it does not lie wholly in the maps.
-        CancelledError: somebody cancelled.
+        CancelledError: ``cancel`` returned True.
     """
     held: ImplantBed = require_result(session.results.get("bed"), WANTED).value
     draws = drawn_maps(session, DRAWS, same_robot=True, grooves=True)

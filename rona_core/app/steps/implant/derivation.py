@@ -6,7 +6,7 @@ from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.runtime.free_memory import release_memory
 from rona_core.app.steps.implant.burr.inputs import KNOWN_BURR
 from rona_core.app.steps.implant.implant_bed import LACKS, ImplantBed, PlacedBed, TriedLift
-from rona_core.app.steps.implant.messages import Corners, PlaceBed, StartBedSearch
+from rona_core.app.steps.implant.messages import BURRS_MM, Corners, PlaceBed, StartBedSearch
 from rona_core.app.steps.maps.accuracy import drawn_maps
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.errors import CancelledError, InvalidInputError
@@ -29,7 +29,6 @@ from rona_core.session.document import Session
 from rona_core.session.memo import Memo
 
 DRAWS = 200  # of the maps
-BURRS_MM = (5.0, 4.0, 3.0, 2.0)  # balls, the largest that goes into the bed is taken
 LIFT_STEP_MM = 1.0
 SHARE_OF_DRAWS = 0.3  # of the time of a search
 
@@ -98,7 +97,7 @@ def derive_search(
     Raises:
         InvalidInputError: the bed is larger than what is mapped.
         StaleResultError: the maps are out of date.
-        CancelledError: somebody cancelled.
+        CancelledError: ``cancel`` returned True.
     """
     release_memory()
     problem = _problem(session, message)

@@ -1,7 +1,6 @@
 """Files of a bed for other programs: milling path, milled body, markups, robot's motion."""
 
-from collections.abc import Callable
-
+from rona_core.app.declarations.declarations import Export
 from rona_core.app.steps.implant.milling_motion import (
     milling_motion,
     milling_plan_of,
@@ -9,10 +8,11 @@ from rona_core.app.steps.implant.milling_motion import (
     require_certified,
 )
 from rona_core.app.steps.implant.view import WANTED, milling_view
-from rona_core.errors import NotFoundError, StepBlockedError
+from rona_core.devices.robots import UNIVERSAL
+from rona_core.errors import StepBlockedError
 from rona_core.planning.implants.bed_markups import bed_markups
 from rona_core.planning.milling.path_files import bed_stl, path_csv, path_gcode
-from rona_core.robot.planning.motion_files import UR_ARMS, Pause, joints_csv, urscript
+from rona_core.robot.planning.motion_files import Pause, joints_csv, urscript
 from rona_core.session.document import Session
 from rona_core.session.memo import remember
 
@@ -64,15 +64,14 @@ def _urscript(session: Session) -> bytes:
 
 URSCRIPT = "milling.script"
 MOTIONS = ("milling_joints.csv", URSCRIPT)  # of the robot
-MAKERS: dict[str, Callable[[Session], bytes]] = {
-    "bed_path.csv": _csv,
-    "bed_path.gcode": _gcode,
-    "bed.stl": _stl,
-    "bed.mrk.json": _markups,
-    "milling_joints.csv": _joints,
-    URSCRIPT: _urscript,
-}
-NAMES = tuple(MAKERS)
+EXPORTS = (
+    Export("bed_path.csv", "milling path in the frame of the bed: tip, axis, feed, layer", _csv),
+    Export("bed_path.gcode", "the same as G-code, zero in the middle of the seat", _gcode),
+    Export("bed.stl", "body that is milled away, in base", _stl),
+    Export("bed.mrk.json", "outline, axis, screws and thinnest place for 3D Slicer", _markups),
+    Export("milling_joints.csv", "certified motion of the robot: joint angles over time", _joints),
+    Export(URSCRIPT, "the same as URScript, for arms of Universal Robots", _urscript),
+)
 
 
 @remember(4)  # the panel asks whenever it is drawn
@@ -80,31 +79,9 @@ def offered(session: Session) -> tuple[str, ...]:
     """Return the files that a session has; those of the motion once it is certified."""
     plan = milling_plan_of(session)
     moves = plan is not None and plan.may_move and milling_stale(session) is None
-    has_script = moves and plan is not None and plan.model in UR_ARMS
+    has_script = moves and plan is not None and plan.model in UNIVERSAL
     return tuple(
-        name
-        for name in NAMES
-        if name not in MOTIONS or (moves and (has_script or name != URSCRIPT))
+        file.name
+        for file in EXPORTS
+        if file.name not in MOTIONS or (moves and (has_script or file.name != URSCRIPT))
     )
-
-
-def export_bed(session: Session, name: str) -> bytes:
-    """Return a file of the bed; the path is in ``bed``, body and markups in ``base``, in mm.
-
-    The motion of the robot is given as joint angles in rad over time in s, certified or not at all.
-
-    Args:
-        session: With its bed.
-        name: One of ``NAMES``.
-
-    Raises:
-        NotFoundError: there is no such file.
-        StepBlockedError: there is no bed, it does not lie wholly in the maps, or for a motion there
-            is none that is certified.
-        StaleResultError: it is of other maps.
-        InvalidInputError: URScript for another arm than those of Universal Robots.
-    """
-    make = MAKERS.get(name)
-    if make is None:
-        raise NotFoundError(f"no file {name!r} of a bed: choose one of {', '.join(NAMES)}")
-    return make(session)

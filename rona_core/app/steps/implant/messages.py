@@ -1,14 +1,14 @@
 """Messages of the implant bed."""
 
-from typing import Literal
+from dataclasses import MISSING
 
-from rona_core.app.messages.message import message, within
-from rona_core.devices.limits import PLACE, limited
+from rona_core.app.messages.message import message
+from rona_core.devices.limits import PLACE_MM, choice, like, number
+from rona_core.planning.implants.catalogue import CATALOGUE
 
 Corners = tuple[tuple[float, float], ...]  # u and v in the plane of the maps, in mm
-ImplantName = Literal["BCI 601", "BCI 602", "CI receiver", "Osia/Baha screw"]
-# what a bed keeps away from: each a point, a line or an area
-AVOIDED = {**PLACE, "maxItems": 20, "items": {"minItems": 1, "maxItems": 200}}
+IMPLANTS = {name: name for name in CATALOGUE}
+BURRS_MM = (5.0, 4.0, 3.0, 2.0)  # balls, the largest that goes into the bed is taken
 
 
 @message
@@ -19,31 +19,84 @@ class StartBedSearch:
     sinus, a suture, an older screw) is a point, a line, or an area whose last corner is its first.
     """
 
-    implant: ImplantName = "BCI 602"
-    limit_mm: float = within(0.0, 10.0, default=1.0)  # of bone left below the bed
-    probability: float = within(0.5, 0.9999, default=0.99)  # of that, and of bone for each screw
-    lift_mm: float | None = within(0.0, 4.0, default=None)
-    burr_mm: float | None = within(0.5, 12.0, default=None)  # None: the largest of four that fits
-    avoid: tuple[Corners, ...] = limited((), **AVOIDED)
-    avoid_mm: float = within(0.0, 50.0, default=2.0)  # by which the bed keeps away from these
+    implant: str = choice("BCI 602", "Implant", IMPLANTS, "Implant whose bed is searched")
+    limit_mm: float = number(
+        1.0, "Bone below", "mm", 0.0, 10.0, 0.1, hint="That must be left everywhere below the bed"
+    )
+    probability: float = number(
+        0.99,
+        "Probability",
+        "",
+        0.5,
+        0.9999,
+        0.01,
+        hint="Of that bone, and of enough for each screw",
+    )
+    lift_mm: float | None = number(
+        None,
+        "Lift",
+        "mm",
+        0.0,
+        4.0,
+        1.0,
+        hint="Spacer that raises the implant",
+        none="Smallest that is safe",
+        offered=(0.0, 1.0, 2.0, 3.0, 4.0),
+    )
+    burr_mm: float | None = number(
+        None,
+        "Burr diameter",
+        "mm",
+        0.5,
+        12.0,
+        0.5,
+        hint="A ball",
+        none="Largest that fits",
+        offered=BURRS_MM,
+    )
+    avoid: tuple[Corners, ...] = number(
+        (),
+        "To be avoided",
+        "mm",
+        *PLACE_MM,
+        0.5,
+        hint="Points, lines and areas",
+        maxItems=20,
+        items={"minItems": 1, "maxItems": 200},
+    )
+    avoid_mm: float = number(
+        2.0, "Distance kept", "mm", 0.0, 50.0, 0.5, hint="Of the bed from what is to be avoided"
+    )
 
 
 @message
 class PlaceBed:
     """Lay the bed of an implant at a chosen place of the map; tell what bone it leaves."""
 
-    u_mm: float = within(-200.0, 200.0)  # of its middle, in the plane of the maps
-    v_mm: float = within(-200.0, 200.0)
-    angle_deg: float = within(-180.0, 180.0, default=0.0)
-    tilt_x_deg: float = within(-15.0, 15.0, default=0.0)
-    tilt_y_deg: float = within(-15.0, 15.0, default=0.0)
-    implant: ImplantName = "BCI 602"
-    limit_mm: float = within(0.0, 10.0, default=1.0)
-    probability: float = within(0.5, 0.9999, default=0.99)
-    lift_mm: float = within(0.0, 4.0, default=0.0)
-    burr_mm: float | None = within(0.5, 12.0, default=None)
-    avoid: tuple[Corners, ...] = limited((), **AVOIDED)
-    avoid_mm: float = within(0.0, 50.0, default=2.0)
+    u_mm: float = number(
+        MISSING, "Along u", "mm", -200.0, 200.0, 0.5, hint="Of the middle of the bed in the maps"
+    )
+    v_mm: float = number(
+        MISSING, "Along v", "mm", -200.0, 200.0, 0.5, hint="Of the middle of the bed in the maps"
+    )
+    angle_deg: float = number(
+        0.0, "Angle", "deg", -180.0, 180.0, 1.0, hint="Of the bed in the plane of the maps"
+    )
+    tilt_x_deg: float = number(
+        0.0, "Tilt about x", "deg", -15.0, 15.0, 0.5, hint="Of the bed about its longer side"
+    )
+    tilt_y_deg: float = number(
+        0.0, "Tilt about y", "deg", -15.0, 15.0, 0.5, hint="Of the bed about its shorter side"
+    )
+    implant: str = like(StartBedSearch, "implant")
+    limit_mm: float = like(StartBedSearch, "limit_mm")
+    probability: float = like(StartBedSearch, "probability")
+    lift_mm: float = number(
+        0.0, "Lift by hand", "mm", 0.0, 4.0, 0.25, hint="Raises the implant out of its bed"
+    )
+    burr_mm: float | None = like(StartBedSearch, "burr_mm")
+    avoid: tuple[Corners, ...] = like(StartBedSearch, "avoid")
+    avoid_mm: float = like(StartBedSearch, "avoid_mm")
 
 
 @message
@@ -53,14 +106,16 @@ class StartBedLines:
     `StartGapPlan` takes their `rows` and plans how the robot scans them.
     """
 
-    length_mm: float = within(20.0, 500.0, default=60.0)  # of all lines together, about
+    length_mm: float = number(
+        60.0, "Length of the lines", "mm", 20.0, 500.0, 5.0, hint="Of all together, about"
+    )
 
 
 @message
 class PlanMilling:
     """Plan how the robot mills the bed: roll about the burr, timing, collisions, certificate."""
 
-    n_rolls: int = within(1, 360, default=36)
+    n_rolls: int = number(36, "Roll angles", "", 1, 360, 1, hint="About the burr")
 
 
 @message
@@ -70,4 +125,4 @@ class RehearseMilling:
     Each number is another rehearsal: with other noise, and the burr put in anew.
     """
 
-    number: int = within(1, 10_000, default=1)
+    number: int = number(1, "Rehearsal no.", "", 1, 10_000, 1, hint="Seed of its noise")

@@ -38,7 +38,7 @@ def derive_milling(
     Raises:
         StepBlockedError: there is no bed, or it does not lie wholly in the maps.
         StaleResultError: it is of other maps.
-        CancelledError: somebody cancelled.
+        CancelledError: ``cancel`` returned True.
     """
     release_memory()
     settings = CuttingPlanSettings(n_rolls=message.n_rolls)
@@ -59,11 +59,11 @@ def plan_view(
         session: With the robot and its surroundings.
         view: The milling path of the bed.
         settings: Rolls to try; the surroundings are those of the session.
-        progress: Told the share that is done.
+        progress: Receives the share that is done, 0 to 1.
         cancel: Asked during the search.
 
     Raises:
-        CancelledError: somebody cancelled.
+        CancelledError: ``cancel`` returned True.
     """
     path, model = robot_path_of(view).cutting, milling_model(session, view)
     settings = replace(settings, obstacles=milling_obstacles(session_obstacles(session), path))

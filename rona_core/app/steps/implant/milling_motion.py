@@ -12,13 +12,12 @@ from rona_core.geometry.arrays import Floats, Ints, readonly
 from rona_core.planning.milling.milling_motion import MillingMotion
 from rona_core.planning.robot_milling.robot_path import milling_obstacles
 from rona_core.robot.trajectory.trajectory import Trajectory
-from rona_core.robot.verification.certificate import Certificate
-from rona_core.robot.verification.cutting_verifier import verify_cutting
+from rona_core.robot.verification.tolerances import CuttingTolerances
 from rona_core.session.document import Session
 from rona_core.session.memo import Memo, remember
 
+INSISTED = CuttingTolerances()
 _MOTIONS: Memo[MillingMotion] = Memo(2)
-_VERIFIED: Memo[Certificate] = Memo(2)
 
 
 def milling_plan_of(session: Session) -> MillingPlan | None:
@@ -32,9 +31,9 @@ def milling_stale(session: Session) -> str | None:
     """Return why the planned milling counts no more, None while it does: then it may be drawn."""
     reason, plan = stale_reason("milling", session), milling_plan_of(session)
     certificate = None if plan is None else plan.certificate
-    if reason is not None or certificate is None or not certificate.robot:
+    if reason is not None or certificate is None:
         return reason
-    return certificate.other_robot(milling_model(session, milling_view(session)))
+    return certificate.superseded(milling_model(session, milling_view(session)), INSISTED)
 
 
 def require_certified(session: Session) -> tuple[MillingPlan, Trajectory]:
@@ -49,17 +48,13 @@ def require_certified(session: Session) -> tuple[MillingPlan, Trajectory]:
     ).value
     if (reason := milling_stale(session)) is not None:
         raise StaleResultError(f"the plan of the milling is stale: {reason}")
-    if plan.trajectory is None or not plan.may_move:
+    motion, certificate = plan.trajectory, plan.certificate
+    if motion is None or certificate is None or not plan.may_move:
         raise StepBlockedError(f"the robot cannot mill this bed: {why_no_milling(plan)}")
     view = milling_view(session)
     model, path = milling_model(session, view), robot_path_of(view).cutting
     around = milling_obstacles(session_obstacles(session), path)
-    motion, certificate = plan.trajectory, plan.certificate
-    if certificate is None or not certificate.robot:  # of an earlier version: it names the robot
-        certificate = _VERIFIED.get(
-            (plan, model, view), lambda: verify_cutting(model, motion, path, obstacles=around)
-        )
-    refusal = certificate.refusal(motion, model, around)
+    refusal = certificate.refusal(motion, model, around, INSISTED)
     if refusal is not None:
         raise StepBlockedError(f"the robot cannot mill this bed: {refusal}")
     return plan, motion

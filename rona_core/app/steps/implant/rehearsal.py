@@ -68,7 +68,7 @@ def derive_rehearsal(
     Raises:
         StepBlockedError: there is no certified motion.
         StaleResultError: it is of another bed, robot or surroundings.
-        CancelledError: somebody cancelled.
+        CancelledError: ``cancel`` returned True.
     """
     release_memory()
     planned, _ = require_certified(session)

@@ -143,7 +143,7 @@ class RaisedMilling:
         """Return the way after a layer, nothing of it below a height of ``bed``, if certified.
 
         Raises:
-            CancelledError: somebody cancelled.
+            CancelledError: ``cancel`` returned True.
         """
         self.plan, session = None, self._session
         view = raised_view(milling_view(session), pause, ceiling_mm)
@@ -176,7 +176,7 @@ class FloorScan:
         """Return where the probe is pressed on along a line, upright, if that is certified.
 
         Raises:
-            CancelledError: somebody cancelled.
+            CancelledError: ``cancel`` returned True.
         """
         session, T_base_bed = self._session, self._T_base_bed
         axes = np.tile(-T_base_bed.rotation[:, 2], (len(line.points_bed), 1))

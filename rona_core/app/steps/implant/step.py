@@ -1,13 +1,24 @@
 """Step 10: the bed of an implant, searched or laid by hand, and how the robot mills it."""
 
 from rona_core.app.declarations import declarations as declare
-from rona_core.app.declarations.declarations import ActivityContext, Message
+from rona_core.app.declarations.declarations import (
+    USABLE,
+    ActivityContext,
+    Judgement,
+    Message,
+    Remedy,
+)
+from rona_core.app.declarations.inputs import Input
 from rona_core.app.dependencies.inputs import result_input
+from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.runtime.handling import compute, compute_result, computed, strip_for_worker
+from rona_core.app.steps.acoustics.messages import StartCaliperMeasurements
 from rona_core.app.steps.implant.bed_lines import BedLines, derive_bed_lines
 from rona_core.app.steps.implant.burr.inputs import KNOWN_BURR
+from rona_core.app.steps.implant.burr.messages import StartBurrCapture
 from rona_core.app.steps.implant.derivation import derive_placed, derive_search
+from rona_core.app.steps.implant.export import EXPORTS
 from rona_core.app.steps.implant.implant_bed import ImplantBed
 from rona_core.app.steps.implant.messages import (
     PlaceBed,
@@ -17,7 +28,6 @@ from rona_core.app.steps.implant.messages import (
     StartBedSearch,
 )
 from rona_core.app.steps.implant.milling_derivation import derive_milling
-from rona_core.app.steps.implant.milling_motion import milling_plan_of
 from rona_core.app.steps.implant.milling_plan import (
     MillingPlan,
     milling_summary,
@@ -25,6 +35,8 @@ from rona_core.app.steps.implant.milling_plan import (
 )
 from rona_core.app.steps.implant.rehearsal import Rehearsal
 from rona_core.app.steps.implant.view import WANTED, percent
+from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan
+from rona_core.app.steps.scan.messages import StartProbeMountingCapture
 from rona_core.app.steps.setup.inputs import MODEL, OBSTACLES
 from rona_core.errors import StepBlockedError
 from rona_core.session.document import Session
@@ -53,9 +65,46 @@ def rehearse_milling(
     return computed(activity, {"rehearsal": found}, session)
 
 
-def _refused(session: Session) -> str | None:
+# What maps more of the bone or makes it more certain, and so more beds safe: part, its remedy
+FURTHER = {
+    "second": Remedy("plan the second pass (step 9)", StartGapPlan()),
+    "capture second": Remedy("scan the gaps again (step 9)", StartGapScan()),
+    "burr": Remedy("register the burr (step 10)", StartBurrCapture()),
+    "mounting": Remedy("record on the gauge plate (step 8)", StartProbeMountingCapture()),
+    "speed": Remedy("measure reference points (step 9)", StartCaliperMeasurements()),
+}
+
+
+def judge_bed(bed: ImplantBed, session: Session) -> Judgement:
+    """Return whether a bed is safe; else what was not done yet and would make more beds so.
+
+    One that was laid by hand is searched for first.
+    """
+    if bed.refusal is None:
+        return USABLE
+    words = f"first lay a bed that is safe (step 10): {bed.refusal}"
+    if not bed.tried:
+        search = StartBedSearch(implant=bed.implant)
+        return Judgement("bad", words, Remedy("search the bed (step 10)", search))
+    for name, remedy in FURTHER.items():
+        if judge_part(name, session).state == "missing":
+            return Judgement("bad", words, remedy)
+    return Judgement("bad", words, Remedy("choose another implant or scan more bone (step 10)"))
+
+
+def judge_milling(plan: MillingPlan, session: Session) -> Judgement:
+    """Return whether the robot can mill the bed."""
+    reason = why_no_milling(plan)
+    if reason is None:
+        return USABLE
+    return Judgement("bad", reason, Remedy("lay the bed elsewhere (step 10) or move the base"))
+
+
+def _mapped_bed(session: Session) -> object:
+    """Return the bed where both boundaries are mapped below it, safe or not."""
     held = session.results.get("bed")
-    return None if held is None else held.value.refusal
+    placed = None if held is None else held.value.placed
+    return None if placed is None or placed.residual_mm is None else held
 
 
 def _summary(session: Session) -> str:
@@ -77,29 +126,9 @@ def _milled(session: Session) -> str:
     return f"; {milling_summary(held.value)}"
 
 
-def _nowhere_laid(session: Session) -> str | None:
-    """Return why no line makes a bed that is there and fresh more certain."""
-    held = session.results.get("bed")
-    if held is None or stale_reason("bed", session) is not None:
-        return None
-    placed = held.value.placed
-    if placed is not None and placed.residual_mm is not None:
-        return None
-    return f"first lay the bed where both boundaries are mapped (step 10): {held.value.refusal}"
-
-
-def _not_to_be_milled(session: Session) -> str | None:
-    """Return why a bed that is there and fresh is not to be milled."""
-    refusal = None if stale_reason("bed", session) else _refused(session)
-    return None if refusal is None else f"first lay a bed that is safe (step 10): {refusal}"
-
-
-def _not_to_be_rehearsed(session: Session) -> str | None:
-    """Return why a plan that is there and fresh is not to be rehearsed."""
-    plan = None if stale_reason("milling", session) else milling_plan_of(session)
-    return None if plan is None else why_no_milling(plan)
-
-
+MAPPED_BED = Input(
+    _mapped_bed, "lay the bed where both boundaries are mapped (step 10)", "bed", takes_bad=True
+)
 STEP = declare.Step(
     "implant",
     commands=(declare.Command(PlaceBed, compute_result, needs=(MAPS, TOOL)),),
@@ -109,27 +138,33 @@ STEP = declare.Step(
             StartBedLines,
             compute,
             "Finding lines for the bed",
-            needs=(BED, MAPS, TOOL, DETECTION),
-            blocked=_nowhere_laid,
+            needs=(MAPPED_BED, MAPS, TOOL, DETECTION),
         ),
         declare.Activity(
             PlanMilling,
             compute,
             "Planning the milling",
             needs=(BED, MAPS, TOOL),
-            blocked=_not_to_be_milled,
         ),
         declare.Activity(
             RehearseMilling,
             rehearse_milling,
             "Rehearsing the milling",
             needs=(MILLING, BED, MAPS),
-            blocked=_not_to_be_rehearsed,
         ),
     ),
+    exports=EXPORTS,
     results=(
-        declare.Result("bed", StartBedSearch, derive_search, INPUTS, WANTED, types=(ImplantBed,)),
-        declare.Result("bed", PlaceBed, derive_placed, INPUTS, WANTED),
+        declare.Result(
+            "bed",
+            StartBedSearch,
+            derive_search,
+            INPUTS,
+            WANTED,
+            judged=judge_bed,
+            types=(ImplantBed,),
+        ),
+        declare.Result("bed", PlaceBed, derive_placed, INPUTS, WANTED, judged=judge_bed),
         declare.Result(
             "lines",
             StartBedLines,
@@ -144,6 +179,7 @@ STEP = declare.Step(
             derive_milling,
             MILLED,
             "plan the milling (step 10)",
+            judged=judge_milling,
             types=(MillingPlan,),
         ),
         declare.Result(
@@ -155,7 +191,5 @@ STEP = declare.Step(
             types=(Rehearsal,),
         ),
     ),
-    line=declare.StepLine(
-        "Implant bed", _summary, StartBedSearch, leaves=lambda session: (BED,), unusable=_refused
-    ),
+    line=declare.StepLine("Implant bed", _summary, StartBedSearch, leaves=lambda session: (BED,)),
 )

@@ -11,6 +11,7 @@ from rona_core.app.dependencies.inputs import required, result_input
 from rona_core.app.dependencies.staleness import made_of, stale_reason
 from rona_core.app.steps.acoustics.inputs import DETECTION, KNOWN_LINE
 from rona_core.app.steps.acoustics.thickness_uncertainty import speed_of_maps
+from rona_core.app.steps.maps.error_budget import ErrorBudget, error_budgets
 from rona_core.app.steps.maps.further_passes import Passes
 from rona_core.app.steps.maps.inputs import AGAIN, CLOUD_PRIOR, MAPS
 from rona_core.app.steps.scan.inputs import HEAD, KNOWN_MOUNTING, PLACES, SCAN, ProbePlaces
@@ -22,7 +23,6 @@ from rona_core.calibration.handheld.tracked_probe import SonoCalibration
 from rona_core.devices.settings import ProbeSettings, TrackerProfile
 from rona_core.errors import InvalidInputError, StaleResultError
 from rona_core.geometry.surface.cloud import SurfaceCloud
-from rona_core.mapping.accuracy.error_budget import ErrorBudget, error_budgets
 from rona_core.mapping.accuracy.map_accuracy import MapAccuracy, accuracy_of, accuracy_words
 from rona_core.mapping.accuracy.map_draws import MapDraws, draw_maps
 from rona_core.mapping.accuracy.map_terms import Cloud, MapSamples, MapTerms, map_terms

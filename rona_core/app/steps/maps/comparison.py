@@ -9,12 +9,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rona_core.app.declarations.declarations import ActivityContext
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.messages.message import Answer
 from rona_core.app.steps.maps.accuracy import map_accuracy
+from rona_core.app.steps.maps.messages import StartComparison
+from rona_core.devices.files.size_limits import read_file
 from rona_core.devices.files.triangle_file import MESH_SUFFIXES, read_triangles
 from rona_core.devices.files.voxels.voxel_reader import VOLUME_SUFFIXES
-from rona_core.errors import InvalidInputError, StaleResultError
+from rona_core.devices.protocols import Cancel, Progress
+from rona_core.errors import InvalidInputError, NotFoundError, StaleResultError
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.mesh import Mesh
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
@@ -68,7 +73,7 @@ def compare_maps(
         session: With its maps.
         data: Contents of the file: STL, PLY or OBJ in mm (a closed mesh holds both tables of the
             bone, an open one the outer table), a CT or a mask (NRRD, NIfTI), or another session.
-        name: Of the file; its ending says what it is.
+        name: Of the file; its extension names the format.
         how: The reference comes to ``base``, see ``place_reference``.
         pairs: Named points (n, 3) in the frame of the file and in ``base``.
         threshold: From which a value of a CT is bone.
@@ -89,6 +94,31 @@ def compare_maps(
     place = place_reference(bone, maps, how, pairs)
     errors = compare_with_bone(maps, bone.moved(place.T_base_mesh))
     return MapComparison(name, maps, errors, figures_of(maps, errors, _stated_mm(session)), place)
+
+
+def compare_with_upload(
+    activity: StartComparison, session: Session, context: ActivityContext
+) -> tuple[Answer]:
+    """Carry out `StartComparison`; raises as `compare_maps`.
+
+    Raises:
+        NotFoundError: the reference was not uploaded.
+    """
+    path = context.uploads / activity.file
+    if not path.is_file():
+        raise NotFoundError(f"there is no uploaded file {activity.file!r}: upload it first")
+    found = context.run(_compare_with_file, session, path, activity)
+    return (Answer(replace(found, maps=_maps(session, "this session"))),)
+
+
+def _compare_with_file(
+    session: Session, path: Path, wanted: StartComparison, *, progress: Progress, cancel: Cancel
+) -> MapComparison:
+    """Read a reference and compare: in the process of the job, which Cancel ends."""
+    points = wanted.points_reference_mm, wanted.points_base_mm
+    pairs = points if any(points) else None
+    data = read_file(path, "an uploaded file")
+    return compare_maps(session, data, path.name, wanted.register, pairs, wanted.threshold)
 
 
 def compare_with_truth(session: Session, errors: MapErrors) -> MapComparison:

@@ -22,7 +22,7 @@ from rona_core.mapping.build_maps import (
 from rona_core.mapping.second_pass import standoffs_mm
 from rona_core.session.memo import Memo
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import SpeedCalibration
-from rona_core.ultrasound.detection.detect import Detection, detect, doubted, heard
+from rona_core.ultrasound.detection.detect import Detection, detect, doubted, has_inner_echoes
 from rona_core.ultrasound.detection.manual_corrections import BoundaryEdits, corrected
 from rona_core.ultrasound.probe.probe_model import ProbeModel, ProbeSurvey
 
@@ -113,7 +113,7 @@ def detect_again(
         first.found.bone_loss,
     )
     found = detect_survey(survey, message, progress=progress, cancel=cancel)
-    return found if heard(first.found) else doubted(found, found.inner_ok)
+    return found if has_inner_echoes(first.found) else doubted(found, found.inner_ok)
 
 
 def build_maps(

@@ -4,15 +4,17 @@ import hashlib
 import io
 import json
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import partial
 
 from rona_core import __version__
+from rona_core.app.declarations.declarations import Export
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.maps.accuracy import map_accuracy
-from rona_core.errors import NotFoundError, StaleResultError
+from rona_core.errors import StaleResultError
 from rona_core.mapping.accuracy.error_terms import CellSigma
-from rona_core.mapping.files.map_mesh import boundary_mesh, plate_mesh
+from rona_core.mapping.files.map_mesh import MapMesh, boundary_mesh, plate_mesh
 from rona_core.mapping.files.map_sheet import BOUNDARIES, MapSheet, SigmaOverGrid
 from rona_core.mapping.files.map_table import maps_csv, maps_schema
 from rona_core.mapping.files.markups import maps_markups
@@ -27,7 +29,12 @@ FRAME = (
     "Places are in base, the frame of the robot, in mm. Where a format names its space it says "
     "left-posterior-superior, so that all files lie on each other; base is no anatomical frame."
 )
-MESH_FORMATS = {"ply": ply_bytes, "stl": stl_bytes, "vtp": vtp_bytes}
+Maker = Callable[[MapSheet], bytes]
+MESHES = {  # by their ending
+    "ply": ("PLY, with σ at every corner", ply_bytes),
+    "stl": ("STL", stl_bytes),
+    "vtp": ("VTP, with σ at every corner", vtp_bytes),
+}
 
 
 def _nrrd(sheet: MapSheet) -> bytes:
@@ -46,45 +53,26 @@ def _schema(_: MapSheet) -> bytes:
     return maps_schema()
 
 
-def _makers() -> dict[str, Callable[[MapSheet], bytes]]:
-    """Return what makes each file, by name."""
-    makers: dict[str, Callable[[MapSheet], bytes]] = {}
-    for ending, write in MESH_FORMATS.items():
+def _meshes() -> Iterator[tuple[str, str, Maker]]:
+    for ending, (words, write) in MESHES.items():
         for name in BOUNDARIES:
-            makers[f"{name}.{ending}"] = lambda sheet, name=name, write=write: write(
-                boundary_mesh(sheet, name)
-            )
-        makers[f"bone.{ending}"] = lambda sheet, write=write: write(plate_mesh(sheet))
-    return makers | {
-        "maps.nrrd": _nrrd,
-        "bone.seg.nrrd": _segmentation,
-        "maps.mrk.json": maps_markups,
-        "maps.csv": maps_csv,
-        "maps.schema.json": _schema,
-    }
+            mesh = partial(boundary_mesh, name=name)
+            yield f"{name}.{ending}", f"{name} boundary: {words}", _written(write, mesh)
+        yield f"bone.{ending}", f"bone between the boundaries: {words}", _written(write, plate_mesh)
 
 
-MAKERS = _makers()
-NAMES = (ALL, *MAKERS)
+def _written(write: Callable[[MapMesh], bytes], mesh: Callable[[MapSheet], MapMesh]) -> Maker:
+    return lambda sheet: write(mesh(sheet))
 
 
-def export_maps(session: Session, name: str) -> bytes:
-    """Return a file of the robot's maps.
-
-    Args:
-        session: With its maps.
-        name: One of ``NAMES``; ``maps.zip`` holds all others and says what they are.
-
-    Raises:
-        NotFoundError: there is no such file.
-        StepBlockedError: nothing was mapped.
-        StaleResultError: the maps are out of date.
-        DegenerateGeometryError: the maps have no area.
-    """
-    if name not in NAMES:
-        raise NotFoundError(f"there is no file {name!r} of the maps: {', '.join(NAMES)}")
-    sheet = map_sheet(session)
-    return MAKERS[name](sheet) if name != ALL else _archive(session, sheet)
+FILES: tuple[tuple[str, str, Maker], ...] = (  # name, what it holds, what makes it
+    *_meshes(),
+    ("maps.nrrd", "heights, thickness and σ over the grid, in channels", _nrrd),
+    ("bone.seg.nrrd", "bone as a segmentation", _segmentation),
+    ("maps.mrk.json", "rim, thinnest and thickest place for 3D Slicer", maps_markups),
+    ("maps.csv", "a cell a row", maps_csv),
+    ("maps.schema.json", "JSON Schema of a row of maps.csv", _schema),
+)
 
 
 def map_sheet(session: Session) -> MapSheet:
@@ -110,11 +98,12 @@ def map_sheet(session: Session) -> MapSheet:
     return MapSheet(maps, sigmas)
 
 
-def _archive(session: Session, sheet: MapSheet) -> bytes:
+def _archive(session: Session) -> bytes:
     """Return all files in one, with a manifest."""
+    sheet = map_sheet(session)
     file, entries = io.BytesIO(), []
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, make in MAKERS.items():
+        for name, _, make in FILES:
             data = make(sheet)
             archive.writestr(zipfile.ZipInfo(name, EPOCH), data, zipfile.ZIP_DEFLATED)
             sha256 = hashlib.sha256(data).hexdigest()
@@ -129,3 +118,13 @@ def _archive(session: Session, sheet: MapSheet) -> bytes:
         text = json.dumps(manifest, indent=1).encode("ascii")
         archive.writestr(zipfile.ZipInfo(MANIFEST, EPOCH), text, zipfile.ZIP_DEFLATED)
     return file.getvalue()
+
+
+def _of_session(make: Maker) -> Callable[[Session], bytes]:
+    return lambda session: make(map_sheet(session))
+
+
+EXPORTS = (
+    Export(ALL, "all files of the maps, with a manifest", _archive),
+    *(Export(name, says, _of_session(make)) for name, says, make in FILES),
+)

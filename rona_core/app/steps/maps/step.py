@@ -1,21 +1,30 @@
 """Maps: boundaries detected in the A-scans, mapped and fused; the second pass over gaps."""
 
+from dataclasses import replace
+
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.step_states import partial_reason
 from rona_core.app.runtime.handling import compute, record
+from rona_core.app.steps.maps.comparison import compare_with_upload
 from rona_core.app.steps.maps.derivation import (
     build_maps,
     find_boundaries,
     find_inner_boundary,
 )
+from rona_core.app.steps.maps.export import EXPORTS
 from rona_core.app.steps.maps.further_passes import forget_corrections, with_pass
-from rona_core.app.steps.maps.gap_plan import plan_gaps, plan_gaps_again
+from rona_core.app.steps.maps.gap_plan import judge_pass, plan_gaps, plan_gaps_again
 from rona_core.app.steps.maps.inputs import MAPS, SECOND
-from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
+from rona_core.app.steps.maps.messages import (
+    StartComparison,
+    StartGapPlan,
+    StartGapScan,
+    StartMapping,
+)
 from rona_core.app.steps.scan.captures import capture_scan
 from rona_core.app.steps.scan.inputs import SCAN
-from rona_core.app.steps.scan.landmarks.gate import failed_reason, verified_first
+from rona_core.app.steps.scan.landmarks.gate import LANDMARKS, verified_first
 from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.surface.inputs import SURFACE
 from rona_core.session.document import Session
@@ -56,10 +65,15 @@ STEP = declare.Step(
                 )
             ),
             "Scanning the gaps",
-            needs=(SECOND,),
-            blocked=failed_reason,
+            needs=(SECOND, LANDMARKS),
             drives_robot=True,
-            records=True,
+            makes=("second",),
+        ),
+        declare.Activity(
+            StartComparison,
+            compare_with_upload,
+            "Comparing the maps with the reference",
+            needs=(MAPS,),
         ),
     ),
     captures=(
@@ -82,6 +96,7 @@ STEP = declare.Step(
             stored=forget_corrections,
         ),
     ),
+    exports=EXPORTS,
     results=(
         declare.Result.of(
             "detection",
@@ -95,14 +110,17 @@ STEP = declare.Step(
             StartGapPlan,
             plan_gaps,
             "plan the second pass (step 9)",
+            judged=judge_pass,
             recompute=plan_gaps_again,
         ),
-        declare.Result.of(
-            "second_detection",
-            StartMapping,
-            find_inner_boundary,
-            "detect the boundaries",
-            settings=("method", "sound_speed_mm_per_us"),
+        replace(
+            declare.Result.of(
+                "second_detection",
+                StartMapping,
+                find_inner_boundary,
+                "detect the boundaries",
+                settings=("method", "sound_speed_mm_per_us"),
+            ),
             spared=True,
         ),
         declare.Result.of(

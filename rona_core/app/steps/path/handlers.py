@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rona_core.app.dependencies.inputs import require_result
-from rona_core.app.dependencies.requirements import require_inputs
+from rona_core.app.dependencies.judge import require_inputs
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.messages.message import Point
 from rona_core.app.messages.serialization import message_from

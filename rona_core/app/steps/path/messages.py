@@ -4,11 +4,12 @@ Lengths are in millimetres, angles in degrees. A place that somebody points at o
 look: how deep it lies is taken from the measured surface.
 """
 
+from dataclasses import MISSING
 from typing import Literal
 
-from rona_core.app.messages.message import Point, message, within
+from rona_core.app.messages.message import Point, message
 from rona_core.app.steps.surface.messages import MAX_PICKS
-from rona_core.devices.limits import PLACE, ROW, limited, range_of, require
+from rona_core.devices.limits import PLACE_MM, ROW, choice, like, number, range_of, require
 from rona_core.session.document import RegionChoice
 
 MAX_CORNERS = 500
@@ -23,14 +24,34 @@ class GenerateScanPattern:
     that was sampled.
     """
 
-    kind: Literal["raster", "spiral"] = "raster"
-    spacing_mm: float = within(0.5, 20.0, default=4.0)
-    turn_deg: float = within(-360.0, 360.0, default=0.0)  # of the lines, about the normal
-    margin_mm: float = within(0.0, 40.0, default=0.0)  # from the boundary
-    radius_mm: float | None = within(*range_of(RegionChoice, "radius_mm"), default=None)
-    center_base_mm: Point | None = limited(None, **PLACE)
-    boundary_base_mm: tuple[Point, ...] = limited(
-        (), **PLACE, maxItems=MAX_CORNERS, rule="none, or at least 3 corners"
+    kind: Literal["raster", "spiral"] = choice(
+        "raster",
+        "Pattern",
+        {"raster": "Raster", "spiral": "Spiral"},
+        "Shape of the generated path",
+    )
+    spacing_mm: float = number(
+        4.0, "Spacing", "mm", 0.5, 20.0, 0.5, hint="Distance between two lines of the pattern"
+    )
+    turn_deg: float = number(
+        0.0, "Direction", "deg", -360.0, 360.0, 5.0, hint="Of the lines, about the normal"
+    )
+    margin_mm: float = number(0.0, "Margin", "mm", 0.0, 40.0, 0.5, hint="From the boundary")
+    radius_mm: float | None = number(
+        None, "Radius", "mm", *range_of(RegionChoice, "radius_mm"), 1.0, none="that of the region"
+    )
+    center_base_mm: Point | None = number(
+        None, "Centre", "mm", *PLACE_MM, 1.0, none="the middle of the sampled surface"
+    )
+    boundary_base_mm: tuple[Point, ...] = number(
+        (),
+        "Boundary",
+        "mm",
+        *PLACE_MM,
+        1.0,
+        hint="Its corners",
+        maxItems=MAX_CORNERS,
+        rule="none, or at least 3 corners",
     )
 
     def __post_init__(self) -> None:
@@ -46,9 +67,13 @@ class MovePathPoint:
     the place goes to the surface along the normal.
     """
 
-    index: int = limited(**ROW)
-    point_base_mm: Point = limited(**PLACE)
-    seen_from_base_mm: Point | None = limited(None, **PLACE)
+    index: int = number(MISSING, "Point no.", "", *ROW, 1, hint="Of the smoothed path, from 0")
+    point_base_mm: Point = number(
+        MISSING, "Position", "mm", *PLACE_MM, 1.0, hint="x, y, z in the robot base"
+    )
+    seen_from_base_mm: Point | None = number(
+        None, "Seen from", "mm", *PLACE_MM, 1.0, hint="Position of the eye", none="along the normal"
+    )
 
 
 @message
@@ -58,23 +83,25 @@ class InsertPathPoint:
     The place is found on the measured surface as for `MovePathPoint`.
     """
 
-    after: int = within(-1, ROW["maximum"])
-    point_base_mm: Point = limited(**PLACE)
-    seen_from_base_mm: Point | None = limited(None, **PLACE)
+    after: int = number(MISSING, "After point no.", "", -1, ROW[1], 1, hint="-1: before the first")
+    point_base_mm: Point = like(MovePathPoint, "point_base_mm")
+    seen_from_base_mm: Point | None = like(MovePathPoint, "seen_from_base_mm")
 
 
 @message
 class DeletePathPoint:
     """Take a point of the smoothed path (its number, from 0) away; its neighbours stay."""
 
-    index: int = limited(**ROW)
+    index: int = like(MovePathPoint, "index")
 
 
 @message
 class PinPathSample:
     """Say that a sample of the demonstrated path (its number, from 0) must stay, or need not."""
 
-    sample: int = limited(**ROW)
+    sample: int = number(
+        MISSING, "Sample no.", "", *ROW, 1, hint="Of the demonstrated path, from 0"
+    )
     keep: bool = True
 
 
@@ -93,8 +120,12 @@ class PaintRegion:
     """
 
     kind: Literal["scan", "avoid"]
-    stroke_base_mm: tuple[Point, ...] = limited(**PLACE, minItems=1, maxItems=MAX_CORNERS)
-    radius_mm: float = within(1.0, 20.0, default=5.0)
+    stroke_base_mm: tuple[Point, ...] = number(
+        MISSING, "Stroke", "mm", *PLACE_MM, 1.0, minItems=1, maxItems=MAX_CORNERS
+    )
+    radius_mm: float = number(
+        5.0, "Brush radius", "mm", 1.0, 20.0, 0.5, hint="Of the brush that paints on the skull"
+    )
 
 
 @message
@@ -120,10 +151,20 @@ class StartPathCapture:
     follows them.
     """
 
-    duration_s: float = within(1.0, 600.0, default=40.0)
-    spacing_mm: float = within(1.0, 20.0, default=4.0)
-    picks_base_mm: tuple[Point, ...] = limited(
-        (), **PLACE, maxItems=MAX_PICKS, rule="none, or at least 2 picks"
+    duration_s: float = number(
+        40.0, "Duration", "s", 1.0, 600.0, 5.0, hint="Length of the recording"
+    )
+    spacing_mm: float = number(
+        4.0,
+        "Line spacing",
+        "mm",
+        1.0,
+        20.0,
+        0.5,
+        hint="Distance between two lines of the raster path",
+    )
+    picks_base_mm: tuple[Point, ...] = number(
+        (), "Picks", "mm", *PLACE_MM, 1.0, maxItems=MAX_PICKS, rule="none, or at least 2 picks"
     )
 
     def __post_init__(self) -> None:

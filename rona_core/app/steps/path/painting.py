@@ -8,7 +8,7 @@ from scipy.spatial import KDTree
 
 from rona_core.app.declarations.inputs import Input
 from rona_core.app.dependencies.inputs import require_result
-from rona_core.app.dependencies.requirements import require_inputs
+from rona_core.app.dependencies.judge import require_inputs
 from rona_core.app.steps.path.messages import (
     ClearPaintedRegions,
     PaintRegion,

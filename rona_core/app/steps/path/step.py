@@ -4,7 +4,7 @@ import numpy as np
 
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext
-from rona_core.app.dependencies.base_reference import carried_remark, placed_reason
+from rona_core.app.dependencies.base_reference import carried_remark
 from rona_core.app.dependencies.inputs import result_input
 from rona_core.app.messages.message import Point
 from rona_core.app.runtime.deriving import read_inputs
@@ -26,6 +26,7 @@ from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.surface.inputs import SURFACE
 from rona_core.app.steps.surface.messages import MAX_PICKS
 from rona_core.app.steps.tool.inputs import TOOL
+from rona_core.app.steps.tool.step import moved_tracker
 from rona_core.session.captures import PointerCapture
 from rona_core.session.document import Session
 
@@ -99,9 +100,9 @@ STEP = declare.Step(
             record("path", capture_path, messages.BuildPath),
             "Demonstrating the path",
             needs=(TOOL, POINTER),
-            blocked=placed_reason,
+            blocked=moved_tracker,
             check=require_allowed_picks,
-            records=True,
+            makes=("path",),
         ),
     ),
     captures=(

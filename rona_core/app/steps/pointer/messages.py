@@ -2,18 +2,22 @@
 
 from typing import Literal
 
-from rona_core.app.messages.message import message, within
-from rona_core.app.steps.tool.messages import POSES
-from rona_core.devices.limits import limited
+from rona_core.app.messages.message import message
+from rona_core.app.steps.tool.messages import HALF_ANGLE, RegisterTool
+from rona_core.devices.limits import choice, like, number
 
 
 @message
 class CalibratePointer:
     """Compute the pointer tip from the recorded pivoting."""
 
-    method: Literal["ml", "sphere"] = "ml"
-    # poses left out by hand, rows of the result's residuals
-    exclude: tuple[int, ...] = limited((), **POSES)
+    method: Literal["ml", "sphere"] = choice(
+        "ml",
+        "Method",
+        {"ml": "Maximum likelihood", "sphere": "Sphere (paper)"},
+        "Of the fit; the first one is recommended",
+    )
+    exclude: tuple[int, ...] = like(RegisterTool, "exclude")
 
 
 @message
@@ -24,8 +28,10 @@ class StartPointerCapture:
     somebody says meanwhile; ``cone_deg`` then means nothing.
     """
 
-    cone_deg: float = within(1.0, 60.0, default=30.0)
-    duration_s: float = within(1.0, 120.0, default=15.0)
+    cone_deg: float = number(30.0, "Cone", "deg", 1.0, 60.0, 1.0, hint=HALF_ANGLE)
+    duration_s: float = number(
+        15.0, "Duration", "s", 1.0, 120.0, 1.0, hint="Length of the recording"
+    )
     by_hand: bool = False
 
 
@@ -38,4 +44,4 @@ class ExcludePoses:
     """
 
     step: Literal["tool", "pointer"]
-    indices: tuple[int, ...] = limited((), **POSES)
+    indices: tuple[int, ...] = like(CalibratePointer, "exclude")

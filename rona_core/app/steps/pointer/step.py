@@ -1,7 +1,8 @@
 """Pointer: calibration of the pointer's tip by pivoting."""
 
 from rona_core.app.declarations import declarations as declare
-from rona_core.app.declarations.declarations import ActivityContext
+from rona_core.app.declarations.declarations import ActivityContext, Remedy
+from rona_core.app.dependencies.judge import by_verdict
 from rona_core.app.messages.serialization import message_from
 from rona_core.app.runtime.handling import compute_result, record
 from rona_core.app.runtime.recording import capture_hand
@@ -69,7 +70,7 @@ STEP = declare.Step(
             StartPointerCapture,
             record("pointer", capture_pivot, CalibratePointer),
             "Pivoting the pointer",
-            records=True,
+            makes=("pointer",),
         ),
     ),
     captures=(
@@ -80,7 +81,15 @@ STEP = declare.Step(
         ),
     ),
     results=(
-        declare.Result.of("pointer", CalibratePointer, calibrate, "calibrate the pointer (step 3)"),
+        declare.Result.of(
+            "pointer",
+            CalibratePointer,
+            calibrate,
+            "calibrate the pointer (step 3)",
+            judged=by_verdict(
+                Remedy("pivot the pointer again (step 3)", StartPointerCapture()), used=True
+            ),
+        ),
     ),
     line=declare.StepLine(
         "Pointer",

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext, Message
-from rona_core.app.dependencies.requirements import require_inputs
+from rona_core.app.dependencies.judge import require_inputs
 from rona_core.app.runtime.handling import record
 from rona_core.app.runtime.recording import begin
 from rona_core.app.steps.path.messages import BuildPath, StartPathCapture
@@ -13,6 +13,7 @@ from rona_core.app.steps.pointer.messages import CalibratePointer, StartPointerC
 from rona_core.app.steps.pointer.pivot_report import require_marker_poses
 from rona_core.app.steps.recordings.messages import StartPivotImport, StartRecordingImport
 from rona_core.app.steps.surface.messages import BuildSurface, StartSurfaceCapture
+from rona_core.calibration.pivot.pose_convention import require_stroke_convention
 from rona_core.devices.files.poses.igs_mha import read_igs_mha
 from rona_core.devices.files.poses.pivot_recordings import chosen_tool, read_pivot
 from rona_core.devices.files.poses.pose_matrices import require_millimetres
@@ -21,7 +22,8 @@ from rona_core.devices.files.text_tables import NamedFile
 from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.recording import Recording, ReplayTracker
 from rona_core.devices.samples import ToolTrack, TrackerFrame
-from rona_core.errors import DeviceError, NotFoundError
+from rona_core.errors import DeviceError, InvalidInputError, NotFoundError
+from rona_core.geometry.pose import Poses
 from rona_core.session.captures import PointerCapture, imported_digest
 from rona_core.session.document import Session
 
@@ -53,6 +55,8 @@ def import_recording(
     if activity.purpose == "pivot":
         dof = GEOMETRIES[pointer].dof
         require_marker_poses(poses, file.name, dof=dof, direction_known=True)
+    else:
+        _require_marker_poses_of_stroke(poses, file.name, session)
     if activity.play:
         track, partial = _play(alone, tool, session, context)
     else:
@@ -60,6 +64,21 @@ def import_recording(
     if not len(track.times_s):
         raise DeviceError(f"{file.name}: {tool} was seen in none of its {len(alone)} frames")
     return _capture(session, track, [file], partial)
+
+
+def _require_marker_poses_of_stroke(poses: Poses, name: str, session: Session) -> None:
+    """Refuse a stroke whose convention is another by the name of the change.
+
+    Raises:
+        InvalidInputError: it is, see ``require_stroke_convention``.
+    """
+    known = session.results.pointer
+    if known is None or known.value.pointer != session.setup.devices.pointer:
+        return  # refused by what follows, which needs the tip
+    try:
+        require_stroke_convention(poses, known.value.tip_pointermarker)
+    except InvalidInputError as error:
+        raise InvalidInputError(f"{name}: {error}", **error.data) from error
 
 
 def import_pivot(
@@ -156,14 +175,14 @@ STEP = declare.Step(
             store_recording,
             "Reading the recording",
             check=require_as_recorded,
-            records=True,
+            makes=tuple(capture for capture, *_ in STANDS_FOR.values()),
             of_several_steps=True,
         ),
         declare.Activity(
             StartPivotImport,
             record("pointer", import_pivot, CalibratePointer),
             "Reading the pivot",
-            records=True,
+            makes=("pointer",),
             shown_in="pointer",
         ),
     ),

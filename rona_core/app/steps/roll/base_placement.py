@@ -3,35 +3,92 @@
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from rona_core.app.declarations.declarations import (
+    USABLE,
+    ActivityContext,
+    Arguments,
+    Judgement,
+    Remedy,
+)
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.messages.message import StoreResult
+from rona_core.app.messages.serialization import message_from, serialize_arguments
+from rona_core.app.runtime.handling import compute
 from rona_core.app.steps.roll.derivation import plan_settings
-from rona_core.app.steps.roll.inputs import PlacementInputs
-from rona_core.app.steps.roll.messages import StartBasePlacement, StartRollSearch
+from rona_core.app.steps.roll.inputs import OWN_ROLLS, PlacementInputs, roll_search
+from rona_core.app.steps.roll.messages import (
+    ApplyBasePlacement,
+    StartBasePlacement,
+    StartRollSearch,
+)
+from rona_core.app.steps.roll.plan_reasons import plan_reason
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.devices.settings import RobotSettings
-from rona_core.errors import NotReachableError
+from rona_core.errors import InvalidInputError, NotReachableError
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Pose
-from rona_core.robot.base_placement.candidates import BasePlace, BasePlacement, base_pose
+from rona_core.robot.base_placement.candidates import (
+    ALL_AROUND_DEG,
+    BasePlace,
+    BasePlacement,
+    base_pose,
+)
 from rona_core.robot.base_placement.placement import place_base
 from rona_core.robot.collision.obstacles import Obstacles
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.plan import RobotPlan
 from rona_core.robot.planning.plan_scan import plan_scan
+from rona_core.robot.redundancy.constant_roll import working_set_deg
 from rona_core.session.document import Session
 
+ROLLS = "rolls"  # in the arguments of a result, beside the fields of its message
 Which = Literal["best", "smallest"]
 STILL_MM, STILL_DEG = 0.5, 0.05  # a base that moves by less stays where it is
+
+
+def _screened_deg(rolls: StartRollSearch) -> tuple[float, ...]:
+    """Return rolls of the working set, evenly chosen, at most as many as are screened."""
+    working = working_set_deg(rolls.n_rolls, rolls.roll_from_deg, rolls.roll_to_deg)
+    return tuple(working[:: -(-len(working) // len(ALL_AROUND_DEG))].tolist())
+
+
+def find_placement(
+    message: StartBasePlacement, session: Session, context: ActivityContext
+) -> tuple[StoreResult, ...]:
+    """Carry out `StartBasePlacement`; rolls of one's own are stored with the result."""
+    (found,) = compute(message, session, context)
+    rolls = OWN_ROLLS.read(session)
+    if rolls is None:
+        return (found,)
+    return (replace(found, arguments={**found.arguments, ROLLS: serialize_arguments(rolls)}),)
+
+
+def find_places_again(
+    known: PlacementInputs, arguments: Arguments, progress: Progress, cancel: Cancel
+) -> BasePlacement:
+    """Search again with the rolls of then: the plan that had them may be stale."""
+    asked = dict(arguments)
+    rolls = asked.pop(ROLLS, {})
+    if not isinstance(rolls, dict):
+        raise InvalidInputError(f"the rolls of a placement must be an object, not {rolls!r}")
+    message = message_from(StartBasePlacement.__name__, asked)
+    then = replace(known, rolls=roll_search(rolls))
+    return find_places(then, message, progress=progress, cancel=cancel)
 
 
 def find_places(
     known: PlacementInputs, message: StartBasePlacement, *, progress: Progress, cancel: Cancel
 ) -> BasePlacement:
-    """Search places of the base; what is suggested is planned and certified among everything."""
+    """Search places of the base; what is suggested is planned and certified among everything.
+
+    Rolls and mode are those of the last roll search: where it was for a constant roll, no place is
+    suggested from which only a varying one works.
+    """
+    rolls = known.rolls or StartRollSearch()
     model = robot_model(known.driven.robot)
-    settings = plan_settings(known.driven, StartRollSearch())
+    settings = plan_settings(known.driven, rolls)
     around = settings.obstacles
 
     def planner(path: Path5D, old_in_new: Pose) -> RobotPlan:
@@ -42,7 +99,7 @@ def find_places(
         known.smooth.path,
         model,
         known.robot,
-        search=message.search(),
+        search=replace(message.search(), rolls_deg=_screened_deg(rolls)),
         planner=planner,
         progress=progress,
         cancel=cancel,
@@ -74,6 +131,28 @@ def advice(placement: BasePlacement) -> str:
         return "The base may stay: a motion from where it stands is certified"
     farther = "" if best is near else f". With the largest margin: {best.sentence}"
     return f"Move the robot base. The smallest move that was certified: {near.sentence}{farther}"
+
+
+def judge_plan(plan: RobotPlan, session: Session) -> Judgement:
+    """Return whether a planned motion can be driven, and which place of the base would help."""
+    reason = plan_reason(session)
+    if reason is None:
+        return USABLE
+    found = fresh_placement(session)
+    if found is None:
+        remedy = Remedy("look for a place of the base (step 7)", StartBasePlacement())
+    elif found.smallest is not None and moves(found.smallest):
+        remedy = Remedy("move the base (step 7)", ApplyBasePlacement())
+    else:
+        remedy = Remedy("choose another roll (step 7) or change the path (step 5)")
+    return Judgement("bad", reason, remedy)
+
+
+def judge_places(found: BasePlacement, session: Session) -> Judgement:
+    """Return whether a search found a place of the base."""
+    if found.smallest is not None:
+        return USABLE
+    return Judgement("bad", "; ".join(found.reasons), Remedy("change the path (step 5)"))
 
 
 def require_move(session: Session, which: Which) -> RobotSettings:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.app.steps.roll.plan_reasons import other_robot
+from rona_core.app.steps.roll.plan_reasons import superseded
 from rona_core.robot.verification.certificate import Check
 from rona_core.session.document import Session
 
@@ -67,7 +67,7 @@ def certificate_view(session: Session) -> CertificateView | None:
         )
     rows.sort(key=lambda row: row.check.holds)
     return CertificateView(
-        certified=plan.may_move and other_robot(session, plan.certificate) is None,
+        certified=plan.may_move and superseded(session, plan.certificate) is None,
         duration_s=end_s,
         min_clearance_mm=plan.certificate.min_clearance_mm,
         rows=tuple(rows),

@@ -1,8 +1,7 @@
 """Motion planning over the roll angle: search, choice, timing and certificate."""
 
 from rona_core.app.declarations.declarations import Arguments
-from rona_core.app.messages.serialization import message_from
-from rona_core.app.steps.roll.inputs import Driven, RollInputs
+from rona_core.app.steps.roll.inputs import Driven, RollInputs, roll_search
 from rona_core.app.steps.roll.messages import StartRollSearch
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.robot.kinematics.catalog import robot_model
@@ -53,10 +52,8 @@ def plan_motion_again(
     known: RollInputs, arguments: Arguments, progress: Progress, cancel: Cancel
 ) -> RobotPlan:
     """Search again, and take again the roll that was chosen after the search."""
-    asked = dict(arguments)
-    chosen, branch = asked.pop("chosen", None), asked.pop("branch", None)
-    message = message_from(StartRollSearch.__name__, asked)
-    plan = plan_motion(known, message, progress=progress, cancel=cancel)
+    chosen, branch = arguments.get("chosen"), arguments.get("branch")
+    plan = plan_motion(known, roll_search(arguments), progress=progress, cancel=cancel)
     if not isinstance(chosen, int):
         return plan
     return plan_chosen_roll(known.driven, plan, chosen, branch if isinstance(branch, int) else None)

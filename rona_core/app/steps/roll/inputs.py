@@ -2,14 +2,40 @@
 
 from dataclasses import dataclass
 
+from rona_core.app.declarations.declarations import Arguments
 from rona_core.app.declarations.inputs import Input, Quantity, given, inputs
 from rona_core.app.dependencies.inputs import result_input
+from rona_core.app.messages.serialization import message_from
+from rona_core.app.steps.roll.messages import StartRollSearch
 from rona_core.app.steps.setup.inputs import BASE, MODEL, OBSTACLES, SCAN_SPEED
 from rona_core.devices.settings import RobotSettings
 from rona_core.robot.collision.obstacles import Obstacles
-from rona_core.session.document import SmoothPath
+from rona_core.session.document import Session, SmoothPath
 
 SMOOTHING: Input[SmoothPath] = result_input("smoothing")
+
+
+def last_roll_search(session: Session) -> StartRollSearch:
+    """Return the last roll search, whether its plan is stale or not; the default before one."""
+    searched = session.results.roll
+    if searched is None:
+        return StartRollSearch()
+    return roll_search(searched.arguments)
+
+
+def roll_search(arguments: Arguments) -> StartRollSearch:
+    """Return the search in the arguments of a plan, without a roll chosen after it."""
+    asked = {name: value for name, value in arguments.items() if name not in ("chosen", "branch")}
+    return message_from(StartRollSearch.__name__, asked)
+
+
+def _own_rolls(session: Session) -> StartRollSearch | None:
+    rolls = last_roll_search(session)
+    return None if rolls == StartRollSearch() else rolls
+
+
+# None of the rolls that are searched by default: older results have no such input
+OWN_ROLLS = Input(_own_rolls, "search the roll (step 7)", optional=True)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,4 +66,5 @@ class PlacementInputs:
 
     smooth: SmoothPath = given(SMOOTHING, "smoothing")
     robot: RobotSettings = given(BASE, "base")
+    rolls: StartRollSearch | None = given(OWN_ROLLS, "roll search")
     driven: Driven = given(DRIVEN)

@@ -1,12 +1,11 @@
 """Messages of the motion planning."""
 
+from dataclasses import MISSING
 from typing import Literal
 
-from rona_core.app.messages.message import message, within
-from rona_core.devices.limits import like, require
+from rona_core.app.messages.message import message
+from rona_core.devices import limits
 from rona_core.robot.base_placement.candidates import MAX_PLACES, BaseSearch
-
-FIRST_BELOW_LAST = "`roll_from_deg` lies below `roll_to_deg`"
 
 
 @message
@@ -16,26 +15,49 @@ class StartRollSearch:
     The mode ``auto`` takes a constant roll, and one that varies along the path where none will do.
     """
 
-    n_rolls: int = within(1, 720, default=72)
-    roll_from_deg: float = within(-360.0, 720.0, default=0.0, rule=FIRST_BELOW_LAST)
-    roll_to_deg: float = within(-360.0, 720.0, default=360.0, rule=FIRST_BELOW_LAST)
-    choice: Literal["best", "first"] = "best"
-    mode: Literal["auto", "constant", "variable"] = "auto"
-
-    def __post_init__(self) -> None:
-        require(
-            self.roll_from_deg < self.roll_to_deg,
-            f"roll_from_deg {self.roll_from_deg:g} must lie below roll_to_deg {self.roll_to_deg:g}",
-        )
+    n_rolls: int = limits.number(72, "Roll angles", "", 1, 720, 1, hint="Over the range below")
+    roll_from_deg: float = limits.number(
+        0.0, "From", "deg", -360.0, 720.0, 5.0, hint="First roll angle of the range"
+    )
+    roll_to_deg: float = limits.number(
+        360.0,
+        "To",
+        "deg",
+        -360.0,
+        720.0,
+        5.0,
+        hint="End of the range of roll angles",
+        above=("roll_from_deg", 0.1),
+    )
+    choice: Literal["best", "first"] = limits.choice(
+        "best",
+        "Select by",
+        {"best": "Largest margin", "first": "First feasible (paper)"},
+        "Which of the feasible roll angles is planned with",
+    )
+    mode: Literal["auto", "constant", "variable"] = limits.choice(
+        "auto",
+        "Roll mode",
+        {"auto": "Constant, else varying", "constant": "Constant", "variable": "Varying"},
+        "Whether the roll may vary along the path",
+    )
 
 
 @message
 class ChooseRoll:
     """Plan and verify the scan with another roll of the search (its index, from 0)."""
 
-    index: int = within(0, 9999)
-    # one that is ranked for this roll; None: that with the largest margin
-    branch: int | None = within(0, 7, default=None)
+    index: int = limits.number(MISSING, "Roll no.", "", 0, 9999, 1, hint="Of the search, from 0")
+    branch: int | None = limits.number(
+        None,
+        "Branch",
+        "",
+        0,
+        7,
+        1,
+        hint="Ranked for this roll",
+        none="that with the largest margin",
+    )
 
 
 @message
@@ -43,13 +65,14 @@ class StartBasePlacement:
     """Search places of the robot's base from which the path can be scanned, best and nearest.
 
     Places are looked at ``step_mm`` apart, up to ``half_x_mm`` and ``half_y_mm`` to either side of
-    where the base stands, at heights ``levels_mm`` from there.
+    where the base stands, at heights ``levels_mm`` from there. Rolls and mode are those of the last
+    ``StartRollSearch``.
     """
 
-    half_x_mm: float = like(BaseSearch, "half_x_mm")
-    half_y_mm: float = like(BaseSearch, "half_y_mm")
-    step_mm: float = like(BaseSearch, "step_mm")
-    levels_mm: tuple[float, ...] = like(BaseSearch, "levels_mm")
+    half_x_mm: float = limits.like(BaseSearch, "half_x_mm")
+    half_y_mm: float = limits.like(BaseSearch, "half_y_mm")
+    step_mm: float = limits.like(BaseSearch, "step_mm")
+    levels_mm: tuple[float, ...] = limits.like(BaseSearch, "levels_mm")
 
     def __post_init__(self) -> None:
         self.search()  # refuses what cannot be searched
@@ -63,7 +86,7 @@ class StartBasePlacement:
         wanted = BaseSearch(self.half_x_mm, self.half_y_mm, self.step_mm, self.levels_mm)
         across, along = (2 * int(v / self.step_mm) + 1 for v in (self.half_x_mm, self.half_y_mm))
         places = across * along * len(self.levels_mm)
-        require(places <= MAX_PLACES, f"{places} places are too many: at most {MAX_PLACES}")
+        limits.require(places <= MAX_PLACES, f"{places} places are too many: at most {MAX_PLACES}")
         return wanted
 
 

@@ -19,17 +19,14 @@ def plan_reason(session: Session) -> str | None:
     certificate = searched.value.certificate
     if certificate is not None and not certificate.certified:
         return "the verifier refuses the motion (step 7): choose another roll"
-    return other_robot(session, certificate)
+    return superseded(session, certificate)
 
 
-def other_robot(session: Session, certificate: Certificate | None) -> str | None:
-    """Return what to do where a plan was verified for another robot than the session's.
-
-    One of an earlier version, which kept no robot with it, is verified again before it is driven.
-    """
-    if certificate is None or not certificate.robot:
+def superseded(session: Session, certificate: Certificate | None) -> str | None:
+    """Return what to do where a plan was verified for another robot or with other tolerances."""
+    if certificate is None:
         return None
-    return certificate.other_robot(robot_model(session.setup.devices.robot.model))
+    return certificate.superseded(robot_model(session.setup.devices.robot.model))
 
 
 def _varying(plan: RobotPlan) -> str:

@@ -2,19 +2,26 @@
 
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.dependencies.inputs import require_result, required, result_input
-from rona_core.app.dependencies.requirements import require_inputs
+from rona_core.app.dependencies.judge import require_inputs
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.messages.message import values_of
 from rona_core.app.runtime.handling import compute
 from rona_core.app.steps.roll import messages
-from rona_core.app.steps.roll.base_placement import find_places, require_move
+from rona_core.app.steps.roll.base_placement import (
+    find_placement,
+    find_places,
+    find_places_again,
+    judge_places,
+    judge_plan,
+    require_move,
+)
 from rona_core.app.steps.roll.derivation import (
     plan_chosen_roll,
     plan_motion,
     plan_motion_again,
 )
 from rona_core.app.steps.roll.inputs import DRIVEN, SMOOTHING
-from rona_core.app.steps.roll.plan_reasons import plan_reason, roll_summary
+from rona_core.app.steps.roll.plan_reasons import roll_summary
 from rona_core.app.steps.setup.messages import SetRobot
 from rona_core.app.steps.setup.step import set_robot
 from rona_core.app.steps.tool.messages import StartRobotMove
@@ -61,7 +68,7 @@ STEP = declare.Step(
         ),
         declare.Activity(
             messages.StartBasePlacement,
-            compute,
+            find_placement,
             "Looking for places of the base",
             needs=(SMOOTHING,),
         ),
@@ -79,6 +86,7 @@ STEP = declare.Step(
             messages.StartRollSearch,
             plan_motion,
             "plan the motion (step 7)",
+            judged=judge_plan,
             recompute=plan_motion_again,
         ),
         declare.Result.of(
@@ -86,6 +94,8 @@ STEP = declare.Step(
             messages.StartBasePlacement,
             find_places,
             "look for a place of the base (step 7)",
+            recompute=find_places_again,
+            judged=judge_places,
         ),
     ),
     line=declare.StepLine(
@@ -93,6 +103,5 @@ STEP = declare.Step(
         roll_summary,
         messages.StartRollSearch,
         leaves=lambda session: (ROLL,),
-        unusable=plan_reason,
     ),
 )

@@ -13,6 +13,9 @@ from rona_core.robot.planning.plan import RobotPlan
 from rona_core.robot.redundancy.result import RollVerdict
 from rona_core.session.document import Session
 
+MOST_RANKED = 40  # ways in a table
+MOST_DRAWN = 12  # rolls in a fan
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointCurves:
@@ -145,7 +148,7 @@ def roll_strip(session: Session) -> RollStrip | None:
     )
 
 
-def ranked_ways(session: Session, most: int = 40) -> tuple[RankedWay, ...]:
+def ranked_ways(session: Session) -> tuple[RankedWay, ...]:
     """Return the ways to follow the path with a constant roll, largest margin first."""
     searched = session.results.roll
     if searched is None:
@@ -161,20 +164,18 @@ def ranked_ways(session: Session, most: int = 40) -> tuple[RankedWay, ...]:
             chosen=plan.search.mode == "constant"
             and (pair.index, pair.branch) == (plan.search.chosen, plan.search.branch),
         )
-        for pair in plan.search.ranked[:most]
+        for pair in plan.search.ranked[:MOST_RANKED]
     )
 
 
-def roll_poses(
-    session: Session, every: int, most: int = 12, place: float = 0.5
-) -> tuple[Poses, Bools, Ints] | None:
+def roll_poses(session: Session, place: float) -> tuple[Poses, Bools, Ints] | None:
     """Return the probe at a share of the path for some rolls, and which of them work."""
     searched = session.results.roll
     if searched is None or not searched.value.search.verdicts:
         return None
     plan = searched.value
-    index = np.unique(np.linspace(0, len(plan.search.verdicts) - 1, most).round().astype(np.int64))
-    index = index if every <= 1 else index[::every]
+    last = len(plan.search.verdicts) - 1
+    index = np.unique(np.linspace(0, last, MOST_DRAWN).round().astype(np.int64))
     at, poses = point_at(plan, place), list[Pose]()
     for i in index:
         turned = plan.search.path.Ts_base_probe(np.deg2rad(plan.search.verdicts[int(i)].roll_deg))

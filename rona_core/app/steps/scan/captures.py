@@ -29,7 +29,6 @@ from rona_core.robot.force_control.correction_corridor import correction_corrido
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.trajectory.trajectory import Trajectory
-from rona_core.robot.verification.verifier import verify_scan
 from rona_core.session.captures import ScanCapture
 from rona_core.session.document import Session
 
@@ -69,14 +68,7 @@ def capture_scan(
         raise NotReachableError("there is no path that the robot can traverse: see step 7")
     devices, trajectory = session.setup.devices, plan.trajectory
     model, around = robot_model(devices.robot.model), session_obstacles(session)
-    certificate = plan.certificate
-    if not certificate.robot:  # of an earlier version: it names the robot, and no more of it
-        speed_mm_per_s = devices.robot.scan_speed_mm_per_s
-        path, rolls_rad = plan.search.path, plan.search.rolls_rad
-        certificate = verify_scan(
-            model, trajectory, path, rolls_rad, speed_mm_per_s, obstacles=around
-        )
-    require_certified("the scan", certificate, trajectory, model, around)
+    require_certified("the scan", plan.certificate, trajectory, model, around)
     contact = devices.robot.contact
     places_s = fire_times(trajectory, devices.probe.pitch_mm)
     try:

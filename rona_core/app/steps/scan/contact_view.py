@@ -16,6 +16,8 @@ from rona_core.devices.wrench import (
     summarize,
 )
 from rona_core.geometry.arrays import Floats
+from rona_core.robot.force_control.gravity_compensation import mass_disagreement
+from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import Session
 
 SLOWED = 0.97  # of the certified speed: less is worth a word
@@ -39,6 +41,7 @@ class ContactReport:
     contact: ForceSummary | None  # None: driven by position alone, or never pressed on
     delay: DelayShare | None  # None: the scan does not tell
     sentence: str
+    mass: str | None = None  # that the weighed mass is not the stated one, and what to do
 
 
 def contact_report(session: Session) -> ContactReport | None:
@@ -54,7 +57,9 @@ def contact_report(session: Session) -> ContactReport | None:
         sentence = "The probe was never pressed on" + (f": {why}." if why else ".")
     else:
         sentence = contact_sentence(found)
-    return ContactReport(found, delay_share(session), sentence)
+    tool = robot_model(session.setup.devices.robot.model).tool
+    mass = None if capture.forces is None else mass_disagreement(capture.forces.load, tool)
+    return ContactReport(found, delay_share(session), sentence, mass)
 
 
 def delay_share(session: Session) -> DelayShare | None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from rona_core.app.declarations.inputs import Input, Quantity
 from rona_core.app.dependencies.head_reference import HeadReference, HeadWatch, head_input
 from rona_core.app.dependencies.inputs import capture_input
-from rona_core.app.dependencies.judged import usable
+from rona_core.app.dependencies.judge import usable
 from rona_core.app.steps.setup.inputs import MODEL, PROBE
 from rona_core.calibration.timing.robot_latency import PoseDelay
 from rona_core.devices.settings import ProbeSettings
@@ -18,7 +18,7 @@ from rona_core.ultrasound.acoustic_calibration.probe_mounting import ProbeMounti
 
 SCAN: Input[ScanCapture] = capture_input("scan")
 KNOWN_MOUNTING: Input[ProbeMounting] = Input(
-    lambda s: usable("mounting", s.results.get("mounting"), s),
+    lambda s: usable("mounting", s),
     "calibrate the mounting (step 8)",
     optional=True,
 )

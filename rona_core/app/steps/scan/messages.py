@@ -1,6 +1,7 @@
 """Messages of the scan."""
 
-from rona_core.app.messages.message import message, within
+from rona_core.app.messages.message import message
+from rona_core.devices.limits import number
 
 
 @message
@@ -16,7 +17,7 @@ class StartProbeMountingCapture:
     face of the probe is, and how fast its line is as warm as it is now.
     """
 
-    n: int = within(3, 200, default=10)
+    n: int = number(10, "Number of A-scans", "", 3, 200, 1, hint="At each depth")
 
 
 @message

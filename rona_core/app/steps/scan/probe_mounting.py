@@ -7,8 +7,8 @@ import numpy as np
 from rona_core.app.declarations.declarations import ActivityContext
 from rona_core.app.declarations.inputs import given, inputs
 from rona_core.app.dependencies.inputs import capture_input
-from rona_core.app.dependencies.judged import Judged
-from rona_core.app.dependencies.staleness import capture_setup_digest, stale_reason
+from rona_core.app.dependencies.judge import judge_part
+from rona_core.app.dependencies.staleness import capture_setup_digest
 from rona_core.app.runtime.handling import compute_result
 from rona_core.app.runtime.recording import begin
 from rona_core.app.steps.scan.messages import CalibrateProbeMounting, StartProbeMountingCapture
@@ -86,18 +86,15 @@ def calibrate_probe_mounting(message: CalibrateProbeMounting, session: Session) 
     return session.with_result("mounting", None)
 
 
-def mounting_view(session: Session) -> Judged | None:
-    """Return what is known of the mounting of the robot's probe; None without a calibration."""
+def mounting_words(session: Session) -> str:
+    """Return what is known of the probe's mounting, and whether it is used; empty if it is not."""
     held = session.results.get("mounting")
     if held is None:
-        return None
+        return ""
     found: ProbeMounting = held.value
     shift_mm = found.shift_mm(probe_model(session.setup.devices.probe))
     words = (
         f"Outer boundary {shift_mm:+.2f} mm (outward) against a probe as drawn, by its mounting "
         f"and its line together, ± {found.sigma_mm:.2f} mm"
     )
-    reason = stale_reason("mounting", session)
-    if reason is not None:
-        return Judged(f"{words}. Not used: {reason}.", "stale")
-    return Judged(f"{'; '.join((words, *found.reasons))}.", found.verdict)
+    return judge_part("mounting", session).beside(words)

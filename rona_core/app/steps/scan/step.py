@@ -3,15 +3,15 @@
 from dataclasses import replace
 
 from rona_core.app.declarations import declarations as declare
-from rona_core.app.declarations.declarations import ActivityContext, Message
+from rona_core.app.declarations.declarations import ActivityContext, Message, Remedy
 from rona_core.app.dependencies.inputs import capture_input, result_input
-from rona_core.app.dependencies.staleness import session_obstacles, stale_reason
+from rona_core.app.dependencies.judge import by_verdict
+from rona_core.app.dependencies.staleness import session_obstacles
 from rona_core.app.runtime.handling import record
 from rona_core.app.runtime.recording import ARRIVAL_S, begin, finish
-from rona_core.app.steps.roll.plan_reasons import plan_reason
 from rona_core.app.steps.scan.captures import capture_scan
 from rona_core.app.steps.scan.head_view import unwatched
-from rona_core.app.steps.scan.landmarks.gate import failed_reason, verified_first
+from rona_core.app.steps.scan.landmarks.gate import LANDMARKS, verified_first
 from rona_core.app.steps.scan.messages import (
     CalibrateProbeMounting,
     StartHome,
@@ -79,13 +79,6 @@ def _where_it_rests(session: Session, context: ActivityContext) -> Floats:
     return context.rig.robot.state().q_rad
 
 
-def _not_to_be_driven(session: Session) -> str | None:
-    """Return why a plan that is fresh cannot be driven, or must not."""
-    if stale_reason("roll", session):
-        return None
-    return plan_reason(session) or failed_reason(session)
-
-
 def _forget_corrections(before: Session, after: Session) -> Session:
     """Return ``after`` with the corrections of boundaries that are of other A-scans."""
     return replace(after, boundary_edits=before.boundary_edits.of("hand"))
@@ -118,16 +111,15 @@ STEP = declare.Step(
                 record("scan", lambda _, session, context: capture_scan(session, context))
             ),
             "Scanning",
-            needs=(ROLL,),
-            blocked=_not_to_be_driven,
+            needs=(ROLL, LANDMARKS),
             drives_robot=True,
-            records=True,
+            makes=("scan",),
         ),
         declare.Activity(
             StartProbeMountingCapture,
             record("gauge", capture_gauge, CalibrateProbeMounting),
             "Pressing the probe on the gauge plate",
-            records=True,
+            makes=("gauge",),
         ),
         declare.Activity(
             StartRetract,
@@ -167,6 +159,11 @@ STEP = declare.Step(
             CalibrateProbeMounting,
             find_mounting,
             "calibrate the mounting of the probe (step 8)",
+            judged=by_verdict(
+                Remedy(
+                    "press the probe on the gauge plate again (step 8)", StartProbeMountingCapture()
+                )
+            ),
         ),
     ),
     line=declare.StepLine(

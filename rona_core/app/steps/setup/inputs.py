@@ -23,7 +23,6 @@ BASE = Input(
 OBSTACLES = Input(
     session_obstacles,
     "say what stands around the robot (step 1)",
-    earlier=session_obstacles,
     counts=lambda s: session_obstacles(s).digest(),
 )
 ROBOT_ERRORS = Input(lambda s: s.setup.devices.robot.errors, "choose a robot (step 1)")

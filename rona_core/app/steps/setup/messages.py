@@ -1,15 +1,14 @@
 """Messages of the set-up."""
 
 from dataclasses import dataclass
-from typing import Literal
 
-from rona_core.app.messages.message import Point, message, within
+from rona_core.app.messages.message import Point, message
 from rona_core.app.runtime.saving.session_files import FILE_NAME, plain_name
-from rona_core.devices.limits import like, limited
+from rona_core.devices.limits import like, limited, number, switch
 from rona_core.devices.settings import (
-    ROBOTS,
     TOOLS,
     ContactSettings,
+    DeviceSettings,
     PointerKind,
     ProbeSettings,
     RobotSettings,
@@ -19,22 +18,22 @@ from rona_core.devices.settings import (
 )
 from rona_core.devices.workcell import BOX_NAME, MOST_NAME, RoomBox, Surroundings
 from rona_core.devices.world_settings import WorldSettings
-from rona_core.session.document import SEED, RegionChoice
-from rona_core.session.specimen import BoneChoice, LoadedSkull
+from rona_core.session.document import RegionChoice, Setup
+from rona_core.session.specimen import BoneChoice, LoadedSkull, Side, SimulatedSkull
 
 
 @message
 class SetSeed:
     """Choose the seed of all that is random: the patient, the placement and every noise."""
 
-    seed: int = limited(**SEED)
+    seed: int = like(Setup, "seed", required=True)
 
 
 @message
 class UseSimulatedSkull:
     """Put a simulated skull on the table; the seed decides which patient it is."""
 
-    side: Literal["left", "right"] = "left"
+    side: Side = like(SimulatedSkull, "side")
 
 
 @message
@@ -62,11 +61,11 @@ class SetRegion(RegionChoice):
 class SetTracker:
     """Choose noise profile, frame rate and faults of the tracker."""
 
-    profile: TrackerProfile = "polaris"
+    profile: TrackerProfile = like(TrackerSettings, "profile")
     rate_hz: float = like(TrackerSettings, "rate_hz")
-    stereo: bool = True
+    stereo: bool = like(TrackerSettings, "stereo")
     depth_ratio: float = like(TrackerSettings, "depth_ratio")
-    occlusion: bool = True
+    occlusion: bool = like(TrackerSettings, "occlusion")
     phantom_share: float = like(TrackerSettings, "phantom_share")
     latency_ms: float | None = like(TrackerSettings, "latency_ms")
     drift_mm: float = like(TrackerSettings, "drift_mm")
@@ -86,7 +85,7 @@ class MoveTracker(TrackerPlace):
 class SetUseBaseMarker:
     """Choose whether a tracker that has moved is found again by the marker on the robot base."""
 
-    use_base_marker: bool = True
+    use_base_marker: bool = like(Setup, "use_base_marker")
 
 
 @message
@@ -101,8 +100,8 @@ class SetToolVisible:
 class SetRobot:
     """Choose the robot, whether it errs, its scan speed and where its base stands."""
 
-    model: str = limited("rx90", enum=tuple(ROBOTS))
-    errors: bool = True
+    model: str = like(RobotSettings, "model")
+    errors: bool = like(RobotSettings, "errors")
     scan_speed_mm_per_s: float = like(RobotSettings, "scan_speed_mm_per_s")
     base_shift_mm: Point = like(RobotSettings, "base_shift_mm")
     base_turn_deg: float = like(RobotSettings, "base_turn_deg")
@@ -117,7 +116,7 @@ class SetProbe(ProbeSettings):
 class SetPointer:
     """Choose the hand-held pointer: 6D (markers in a plane) or 5D (markers on a line)."""
 
-    kind: PointerKind = "pointer6d"
+    kind: PointerKind = like(DeviceSettings, "pointer")
 
 
 @message
@@ -129,10 +128,14 @@ class StartSkullImport:
 
     file: str = limited(**FILE_NAME)
     inner_file: str | None = limited(None, **FILE_NAME)
-    threshold: float | None = within(-1e9, 1e9, default=None)  # grey value, as the file has them
+    threshold: float | None = number(
+        None, "Bone threshold", "", -1e9, 1e9, 1.0, hint="Grey value, in the units of the file"
+    )
     center_mesh_mm: Point | None = like(RegionChoice, "center_mesh_mm")
     radius_mm: float = like(RegionChoice, "radius_mm")
-    label: int | None = within(-32_768, 2**31 - 1, default=None)  # of bone in a map of labels
+    label: int | None = number(
+        None, "Bone label", "", -32_768, 2**31 - 1, 1, hint="Of bone in a map of several labels"
+    )
 
     def __post_init__(self) -> None:
         plain_name(self.file)
@@ -154,7 +157,7 @@ class SetContact(ContactSettings):
     With ``pressed`` false the robot is driven by position alone, and the other fields are idle.
     """
 
-    pressed: bool = True
+    pressed: bool = switch(True, "Force control", "Off: position control only")
 
 
 @message
@@ -165,9 +168,9 @@ class SetWorkcell:
     was made among other things becomes stale.
     """
 
-    table: bool = True
-    table_center_mm: Point = like(Surroundings, "table_center_mm")  # middle of the top
-    table_size_mm: Point = like(Surroundings, "table_size_mm")  # along x, along y, thickness
+    table: bool = like(Surroundings, "table")
+    table_center_mm: Point = like(Surroundings, "table_center_mm")
+    table_size_mm: Point = like(Surroundings, "table_size_mm")
     floor_mm: float = like(Surroundings, "floor_mm")
     head_below_mm: float = like(Surroundings, "head_below_mm")
     stand_radius_mm: float = like(Surroundings, "stand_radius_mm")

@@ -2,8 +2,8 @@
 
 from itertools import pairwise
 
-from rona_core.app.messages.message import Point, message, within
-from rona_core.devices.limits import PLACE, UNIT_QUATERNION, limited, require, require_unit
+from rona_core.app.messages.message import Point, message
+from rona_core.devices.limits import PLACE_MM, number, quaternion, require, require_unit
 
 MAX_PICKS = 500
 BOTH = "a guess needs both `guess_wxyz` and `guess_mm`"
@@ -14,7 +14,9 @@ RISING = "each above the one before, and numbers of picks"
 class BuildSurface:
     """Compute the surface point cloud from the recorded strokes of the pointer."""
 
-    average_s: float = within(0.0, 2.0, default=0.1)  # length of the moving average along a stroke
+    average_s: float = number(
+        0.1, "Averaging", "s", 0.0, 2.0, 0.05, hint="Moving average along a stroke"
+    )
 
 
 @message
@@ -32,10 +34,16 @@ class StartSurfaceCapture:
     recording of its own and takes its share of ``duration_s``, by its picks.
     """
 
-    duration_s: float = within(1.0, 600.0, default=60.0)
-    picks_base_mm: tuple[Point, ...] = limited((), **PLACE, maxItems=MAX_PICKS)
+    duration_s: float = number(
+        60.0, "Duration", "s", 1.0, 600.0, 5.0, hint="Length of the recording"
+    )
+    picks_base_mm: tuple[Point, ...] = number(
+        (), "Picks", "mm", *PLACE_MM, 1.0, hint="Places on the drawn skull", maxItems=MAX_PICKS
+    )
     append: bool = False
-    lifts: tuple[int, ...] = within(1, MAX_PICKS, default=(), maxItems=MAX_PICKS, rule=RISING)
+    lifts: tuple[int, ...] = number(
+        (), "Lifts", "", 1, MAX_PICKS, 1, maxItems=MAX_PICKS, rule=RISING
+    )
 
     def __post_init__(self) -> None:
         count = len(self.picks_base_mm)
@@ -61,11 +69,11 @@ class StartSkullRegistration:
     ``guess_mm``; it must hold within about 10 degrees and 10 mm.
     """
 
-    n_turns: int = within(4, 90, default=24)
-    guess_wxyz: tuple[float, float, float, float] | None = limited(
-        None, **{**UNIT_QUATERNION, "rule": f"{UNIT_QUATERNION['rule']}; {BOTH}"}
+    n_turns: int = number(24, "Turns", "", 4, 90, 1, hint="Starts about the middle of the region")
+    guess_wxyz: tuple[float, float, float, float] | None = quaternion(
+        None, "Guessed rotation", rule=BOTH
     )
-    guess_mm: Point | None = limited(None, **PLACE, rule=BOTH)
+    guess_mm: Point | None = number(None, "Guessed position", "mm", *PLACE_MM, 1.0, rule=BOTH)
 
     def __post_init__(self) -> None:
         require(

@@ -4,8 +4,9 @@ from dataclasses import replace
 from functools import partial
 
 from rona_core.app.declarations import declarations as declare
-from rona_core.app.declarations.declarations import ActivityContext, Message
-from rona_core.app.dependencies.base_reference import carried_remark, placed_reason
+from rona_core.app.declarations.declarations import ActivityContext, Message, Remedy
+from rona_core.app.dependencies.base_reference import carried_remark
+from rona_core.app.dependencies.judge import by_verdict
 from rona_core.app.messages.message import StoreCapture
 from rona_core.app.runtime.handling import compute, compute_result
 from rona_core.app.runtime.recording import capture_stroke, part_of
@@ -16,10 +17,14 @@ from rona_core.app.steps.surface.derivation import build_surface
 from rona_core.app.steps.surface.inputs import SURFACE, SURFACE_CAPTURE
 from rona_core.app.steps.surface.skull_registration import register_skull, require_loaded
 from rona_core.app.steps.tool.inputs import TOOL
+from rona_core.app.steps.tool.step import moved_tracker
 from rona_core.session.captures import PointerCapture
 from rona_core.session.document import Session
 
 SHORTEST_S = 1.0  # of a stroke
+MORE_POINTS = Remedy(
+    "slide the pointer over more of the skull (step 4)", messages.StartSurfaceCapture(append=True)
+)
 
 
 def record_strokes(
@@ -87,8 +92,8 @@ STEP = declare.Step(
             record_strokes,
             "Sliding over the skull",
             needs=(TOOL, POINTER),
-            blocked=placed_reason,
-            records=True,
+            makes=("surface",),
+            blocked=moved_tracker,
         ),
         declare.Activity(
             messages.StartSkullRegistration,
@@ -115,6 +120,7 @@ STEP = declare.Step(
             messages.StartSkullRegistration,
             register_skull,
             "register the skull (step 4)",
+            judged=by_verdict(MORE_POINTS),
         ),
     ),
     line=declare.StepLine(

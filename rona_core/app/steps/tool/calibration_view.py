@@ -5,12 +5,11 @@ from typing import Any, Literal
 
 import numpy as np
 
+from rona_core.app.declarations.figures import FIGURES, limit_of
 from rona_core.app.dependencies.inputs import required
 from rona_core.app.steps.tool.derivation import tool_poses
 from rona_core.app.steps.tool.inputs import TOOL_CAPTURE
-from rona_core.calibration.hand_eye.quality import GOOD_MM, REGISTRATION_TITLE
 from rona_core.calibration.pivot.pose_coverage import NextPose, next_best_pose, swing_coverage
-from rona_core.calibration.pivot.quality import GOOD_SIGMA_MM
 from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.errors import DegenerateGeometryError, RonaError
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
@@ -19,18 +18,26 @@ from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import Session
 
 Step = Literal["tool", "pointer"]
-REGISTRATION_MM = 1.0  # twice what tracker and robot are stated to, see docs/metrics.md
 USED, REJECTED, EXCLUDED = 0, 1, 2  # by the fit, by hand
 MARKS = ("used", "rejected", "left out by hand")
 
 
 @dataclass(frozen=True, slots=True)
 class ExpectedError:
-    """One predicted error beside what is good."""
+    """One predicted error, a declared figure, beside its limit."""
 
-    title: str
+    key: str
     sigma_mm: float
-    limit_mm: float
+
+    @property
+    def title(self) -> str:
+        """Title of the figure."""
+        return FIGURES[self.key].title
+
+    @property
+    def limit_mm(self) -> float:
+        """Limit of the figure."""
+        return limit_of(self.key)
 
     @property
     def good(self) -> bool:
@@ -83,11 +90,11 @@ def calibration_view(session: Session, step: Step) -> CalibrationView | None:
     marks = _marks(found.used, excluded)
     if step == "tool":
         expected = (
-            ExpectedError("Tool tip, expected", found.tip_sigma_mm, GOOD_MM),
-            ExpectedError(REGISTRATION_TITLE, found.registration_sigma_mm, REGISTRATION_MM),
+            ExpectedError("tool_tip_sigma_mm", found.tip_sigma_mm),
+            ExpectedError("tracker_registration_sigma_mm", found.registration_sigma_mm),
         )
     else:
-        expected = (ExpectedError("Pointer tip, expected", found.tip_sigma_mm, GOOD_SIGMA_MM),)
+        expected = (ExpectedError("pointer_tip_sigma_mm", found.tip_sigma_mm),)
     return CalibrationView(
         step=step,
         verdict=found.verdict,

@@ -1,8 +1,11 @@
 """Tool: registration of tool, robot and tracker."""
 
+from dataclasses import replace
+
 from rona_core.app.declarations import declarations as declare
-from rona_core.app.declarations.declarations import ActivityContext
-from rona_core.app.dependencies.base_reference import placed_reason
+from rona_core.app.declarations.declarations import ActivityContext, Judgement, Remedy
+from rona_core.app.dependencies.base_reference import REMEDY, placed_reason
+from rona_core.app.dependencies.judge import by_verdict
 from rona_core.app.dependencies.staleness import session_obstacles
 from rona_core.app.runtime.handling import compute_result, record
 from rona_core.app.steps.setup import capture_parts as parts
@@ -14,6 +17,8 @@ from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.calibration_motion import ToolMotionSettings, plan_tool_motion
 from rona_core.session.captures import ToolCapture
 from rona_core.session.document import Session
+
+REGISTER_AGAIN = Remedy("register the tool again (step 2)", StartToolCapture())
 
 
 def capture_tool(
@@ -34,6 +39,19 @@ def capture_tool(
     return record_tool_motion("tool", plan, model, around, session, context)
 
 
+def moved_tracker(session: Session) -> Judgement | None:
+    """Return why new strokes could not be mapped after a move of the tracker; None where they can.
+
+    What was recorded before the move stays valid.
+    """
+    reason = placed_reason(session)
+    return (
+        None
+        if reason is None
+        else Judgement("blocked", reason, replace(REGISTER_AGAIN, words=REMEDY))
+    )
+
+
 def _summary(session: Session) -> str:
     held = session.results.tool
     if held is None:
@@ -50,7 +68,7 @@ STEP = declare.Step(
             record("tool", capture_tool, RegisterTool),
             "Moving the tool",
             drives_robot=True,
-            records=True,
+            makes=("tool",),
         ),
     ),
     captures=(
@@ -60,7 +78,15 @@ STEP = declare.Step(
             (parts.tracker, parts.robot, parts.robot_errors),
         ),
     ),
-    results=(declare.Result.of("tool", RegisterTool, register, "register the tool (step 2)"),),
+    results=(
+        declare.Result.of(
+            "tool",
+            RegisterTool,
+            register,
+            "register the tool (step 2)",
+            judged=by_verdict(REGISTER_AGAIN, used=True),
+        ),
+    ),
     line=declare.StepLine(
         "Tool",
         _summary,

@@ -34,7 +34,7 @@ REFUSALS: dict[str, Refusal] = {
     "no space": Refusal(
         "{name} does not say which way its coordinates run, so that a mirrored head would look "
         "like a right one",
-        "state its space in the header, as 'space: left-posterior-superior' or what it is",
+        "state its space in the header, as 'space: left-posterior-superior' or another one",
     ),
     "an unknown space": Refusal(
         "{name} is in the space {space!r}: expected three of left or right, anterior or "

@@ -32,7 +32,7 @@ def open_voxels(source: Path | bytes, name: str) -> Generator[Voxels]:
 
     Args:
         source: A .nrrd, .nii or .nii.gz file, or its contents.
-        name: Of the file; its ending says what it is.
+        name: Of the file; its extension names the format.
 
     Raises:
         InvalidInputError: no plain file, damaged, foreign, too large, with data elsewhere, or on a

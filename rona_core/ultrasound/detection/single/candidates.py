@@ -1,5 +1,6 @@
 """Search of a survey for front echoes, and for candidates of the inner echo behind them."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,14 +67,9 @@ def clear_fronts(
     Raises:
         CancelledError: ``cancel`` said so.
     """
-    n = len(survey)
     template = quiet_template(survey.probe, survey.excitation, survey.track.rf)
-    blocks: list[Cleared] = []
-    for start in range(0, max(n, 1), BLOCK):
-        _pause(cancel)
-        blocks.append(_clear_block(survey, slice(start, start + BLOCK), template))
-        progress(min(1.0, (start + BLOCK) / max(n, 1)))
-    return joined(blocks)
+    blocks = _blocks(len(survey), progress, cancel)
+    return joined([_clear_block(survey, rows, template) for rows in blocks])
 
 
 def _clear_block(survey: ProbeSurvey, rows: slice, template: Template) -> Cleared:
@@ -99,13 +95,8 @@ def search_echoes(
     Raises:
         CancelledError: ``cancel`` said so.
     """
-    n = len(cleared.noise)
-    blocks: list[Echoes] = []
-    for start in range(0, max(n, 1), BLOCK):
-        _pause(cancel)
-        blocks.append(_search_block(cleared, slice(start, start + BLOCK), bone))
-        progress(min(1.0, (start + BLOCK) / max(n, 1)))
-    return joined(blocks)
+    blocks = _blocks(len(cleared.noise), progress, cancel)
+    return joined([_search_block(cleared, rows, bone) for rows in blocks])
 
 
 def _search_block(cleared: Cleared, rows: slice, bone: Material) -> Echoes:
@@ -116,6 +107,10 @@ def _search_block(cleared: Cleared, rows: slice, bone: Material) -> Echoes:
     return Echoes(template, noise, aligned, fronts, candidates, log_likelihood, snr, merged)
 
 
-def _pause(cancel: Cancel) -> None:
-    if cancel():
-        raise CancelledError("the detection of echoes was cancelled")
+def _blocks(n: int, progress: Progress, cancel: Cancel) -> Iterator[slice]:
+    """Yield the rows of n A-scans, some at a time; progress counts those that were worked on."""
+    for start in range(0, max(n, 1), BLOCK):
+        if cancel():
+            raise CancelledError("the detection of echoes was cancelled")
+        yield slice(start, start + BLOCK)
+        progress(min(1.0, (start + BLOCK) / max(n, 1)))

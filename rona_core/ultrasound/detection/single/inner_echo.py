@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import i0e
 
+from rona_core.devices.probes import PROBE_DATA
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.ultrasound.detection.single.front_echo import Fronts
 from rona_core.ultrasound.detection.single.matched_filter import (
@@ -19,11 +20,10 @@ from rona_core.ultrasound.detection.single.matched_filter import (
     row_medians,
 )
 from rona_core.ultrasound.probe.materials import BRAIN, TABLE, Complexes, Material
-from rona_core.ultrasound.probe.probe_model import PROBES, ProbeModel
+from rona_core.ultrasound.probe.probe_model import ProbeModel
 
 STEP_MM = 0.1  # of the grid of depths
 LEVELS = (0.05, 0.1, 0.2, 0.4, 0.8)  # of the echo over a nominal one, each as likely
-CLUTTER = {"2.25MHz": 0.1, "1MHz": 0.2}  # what bone shows besides, over a nominal inner echo
 MOST = 4.0  # log likelihood ratio that a single A-scan can have
 ABSENT = 0.6  # share of A-scans in which the echo may be missing, tilted away
 CANDIDATES = 12  # kept for each A-scan
@@ -178,9 +178,10 @@ def find_candidates(
 
 
 def _clutter(probe: ProbeModel) -> float:
-    """Return the level of the clutter between those of the two probes."""
-    (low, a), (high, b) = sorted((PROBES[k].centre_mhz, v) for k, v in CLUTTER.items())
-    return float(np.interp(np.log(probe.centre_mhz), np.log((low, high)), (a, b)))
+    """Return the level of the clutter, between those of the probes of the catalogue."""
+    known = sorted((one.centre_mhz, one.clutter) for one in PROBE_DATA.values())
+    mhz, levels = zip(*known, strict=True)
+    return float(np.interp(np.log(probe.centre_mhz), np.log(mhz), levels))
 
 
 def through_bank(

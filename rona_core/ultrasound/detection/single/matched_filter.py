@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from rona_core.devices.probes import PROBE_DATA
 from rona_core.devices.settings import Excitation
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.ultrasound.probe.beam import mirror_spectrum
@@ -27,9 +28,6 @@ from rona_core.ultrasound.probe.probe_model import FULL_SCALE_SHARE, ProbeModel
 BONE_MRAYL, GEL_MRAYL = (m.speed_mm_per_us * m.density_g_per_cm3 for m in (TABLE, GEL))
 BONE_REFLECTION = (BONE_MRAYL - GEL_MRAYL) / (BONE_MRAYL + GEL_MRAYL)  # nominal, from gel
 EQUAL_BAND = 0.55  # -6 dB width of the equalised echo over the centre frequency
-# Where equalising stops, over the peak of the power spectrum: loss in bone leaves one probe short
-# of signal, the length of its echo leaves the other short of resolution.
-EQUAL_FLOOR = {"2.25MHz": 1e-2, "1MHz": 2e-4}
 NOISE_SCANS, NOISE_STEPS = 64, 2  # looked at for the noise; steps for each doubling of it
 NOISE_FLOOR = 1.0  # equalising also stops this far (power) above the noise
 Record = TypeVar("Record", bound=Any)  # an array (n, ...), or a dataclass of such
@@ -146,7 +144,7 @@ def equal_weights(
     off = (frequencies_mhz / probe.centre_mhz - 1.0) / EQUAL_BAND
     target = np.exp(-4.0 * np.log(2.0) * off**2)
     noisy = NOISE_FLOOR * GRID * noise**2 * lost / power.max()
-    flat = (power / power.max() + EQUAL_FLOOR[probe.name]) / target
+    flat = (power / power.max() + PROBE_DATA[probe.name].equal_floor) / target
     weights: Floats = 1.0 / (flat + noisy)
     return weights
 

@@ -40,7 +40,7 @@ from rona_core.ultrasound.probe.probe_model import ProbeModel
 
 LOUDEST = 0.5  # log level over which nothing is too loud: bone may lose less than nominal bone
 FAINT = 0.2  # level under which it is hardly an inner echo, even of an oblique table:
-FAINTER = 6.0  # log odds lost for each time that it is 2.7 times fainter, whoever supports it
+FAINTER = 6.0  # log odds lost for each time that it is 2.7 times fainter, whatever its support
 LOUD_SNR = 5.0  # more does not make it more certain
 OVER_CLUTTER = 7.0  # phase counts up to this
 LATE_NOISE, LATE_ECHO = 4.0, 0.1  # what may follow: noise, and echoes of the echo

@@ -1,6 +1,6 @@
 """Cycle slips: the chance that the time of an inner echo is a whole cycle off.
 
-Neighbours that slipped, too, hold an echo at the wrong cycle; what it says by itself tells: where
+Neighbours that slipped, too, hold an echo at the wrong cycle; its own evidence decides: where
 the time is right, the cycle before and the one behind explain the echo far worse.
 """
 
@@ -14,7 +14,7 @@ OTHER_CYCLES = 0.6, 1.3  # how far off the cycle before and the one behind lie
 # first fit has more slips. 3.4 % of the sure A-scans slip on the seeds 21000 to 21023
 SLIP_ODDS = 0.3
 EVIDENCE = 0.5  # what a log likelihood ratio counts: the clutter of two cycles is the same
-LEAST_RATIO, MOST_RATIO = -12.0, 6.0  # further out a ratio tells nothing more
+LEAST_RATIO, MOST_RATIO = -12.0, 6.0  # further out a ratio adds no evidence
 
 
 def slip_chances(

@@ -32,7 +32,7 @@ SHALLOW = 0.5  # at less than this share of the depth of the others,
 DEEP = 0.2  # if those are at least this share of the sure ones
 SAME_MM = 1.0  # neighbours closer than this in thickness show the same boundary
 INTERFACE_MM = 0.5  # an interface changes its depth by no more than this between A-scans around,
-FAINTER = 0.5  # and is at least this loud, over what it is here
+FAINTER = 0.5  # and is at least this loud, relative to the level here
 INTERFACE_ROUNDS = 4  # of asking those around, who have asked those around them: about 10 mm
 
 
@@ -46,7 +46,7 @@ def detectability(
         lag_us: When they come after the front (r,).
         rows: Which A-scans of the survey these are (r,).
         links: Who is around whom, among all of them.
-        probe: Its centre frequency tells what bone takes away.
+        probe: Its centre frequency sets the loss in bone.
         bone: Nominal bone.
     """
     depth = lag_us * bone.speed_mm_per_us / 2.0

@@ -23,7 +23,9 @@ AIR_MM = 6.0  # over the highest bone: rays must start outside it
 MOST_ABOVE_MM = 40.0  # bone that rises more is none that a scan comes to
 BAND_MM = 4.0  # the distance is clipped to this
 SMOOTHING_VOXELS = 1.0  # sigma of the Gaussian that removes the steps of the voxels
-MOST_LABELLED = 30_000_000  # voxels in which pieces are told apart; more are pooled for that
+MOST_LABELLED = (
+    30_000_000  # voxels in which connected pieces are labelled; more are pooled for that
+)
 MOST_CUBE_VOXELS = 8_000_000  # whose distance is taken at once, at some 30 bytes each
 MARGIN_MM = 6.0  # of the volume read around the grid
 
@@ -104,7 +106,7 @@ def _box(places: Floats, bone: BoneVolume) -> tuple[Ints, Ints]:
 def without_small_pieces(bone: BoneVolume, grid: Grid) -> BoneVolume:
     """Return the bone without pieces near the grid that are small beside the largest one there.
 
-    Where more voxels lie about the grid than pieces can be told apart in, blocks of voxels are.
+    Where more voxels lie about the grid than pieces can be labelled in, blocks of voxels are.
     """
     to_index = np.linalg.inv(bone.T_upright_voxel)
     low, high = _box(grid.nodes() @ to_index[:3, :3].T + to_index[:3, 3], bone)

@@ -67,7 +67,7 @@ def read_mesh(path: Path) -> BoneMesh:
         )
     sides = np.sort(faces[:, (0, 1, 1, 2, 2, 0)].reshape(-1, 2), axis=1)
     edges, count = np.unique(sides, axis=0, return_counts=True)
-    # where two sheets touch along an edge it has four triangles: in and out are still told apart
+    # where two sheets touch along an edge it has four triangles: in and out are still distinguished
     if (odd := int((count % 2).sum())) > 0:
         raise refused("an open mesh", name=path.name, odd=odd, count=len(edges))
     return BoneMesh(vertices, faces)

@@ -6,6 +6,7 @@ the centre has in a chart the depth ``s = v.e0`` and the slopes ``a = v.e1 / s``
 whose derivatives are short to write, and straight lines stay straight.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -119,33 +120,31 @@ class Atlas:
             self._charts[number] = Chart.bake(self._shape, tangents(axis), FACE_HALF, FACE_STEP_MM)
         return self._charts[number]
 
-    def _numbers(self, v: Floats) -> Ints:
-        """Return which chart (n,) holds each point."""
+    def _parts(self, v: Floats) -> Iterator[tuple[Bools, int]]:
+        """Yield which points (n,) a chart holds, and the number of that chart."""
         _, held = self._charts[0].locate(v)
         largest = np.argmax(np.abs(v), axis=1)
         negative = v[np.arange(len(v)), largest] < 0.0
-        return np.where(held, 0, largest + 1 + 3 * negative)
+        numbers = np.where(held, 0, largest + 1 + 3 * negative)
+        for number in np.unique(numbers).tolist():
+            yield numbers == number, number
 
     def gap(self, v: Floats, k: Ints) -> Floats:
         """Return how far (n,) in mm points lie outside boundary ``k`` (n,), measured radially."""
         place, held = self._charts[0].locate(v)
         if held.all():
             return self._charts[0].gap(v, place, k)
-        numbers = self._numbers(v)
         gaps = np.zeros(len(v))
-        for number in np.unique(numbers):
-            rows = numbers == number
-            chart = self._chart(int(number))
+        for rows, number in self._parts(v):
+            chart = self._chart(number)
             gaps[rows] = chart.gap(v[rows], chart.locate(v[rows])[0], k[rows])
         return gaps
 
     def normals(self, v: Floats) -> Floats:
         """Return the outward unit normals (n, 3) of the outer boundary below or above points."""
         normals = np.zeros_like(v)
-        numbers = self._numbers(v)
-        for number in np.unique(numbers):
-            rows = numbers == number
-            chart = self._chart(int(number))
+        for rows, number in self._parts(v):
+            chart = self._chart(number)
             slopes = chart.locate(v[rows])[0][1:].T
             _, first, _ = chart.surface(slopes)
             n = np.cross(first[:, 0], first[:, 1])
@@ -156,11 +155,9 @@ class Atlas:
     def closest(self, v: Floats) -> Floats:
         """Return the nearest point (n, 3) of the outer boundary to each point near it."""
         found = np.zeros_like(v)
-        numbers = self._numbers(v)
-        for number in np.unique(numbers):
-            rows = numbers == number
+        for rows, number in self._parts(v):
             for some in np.array_split(np.flatnonzero(rows), 1 + np.count_nonzero(rows) // AT_ONCE):
-                found[some] = self._closest_in(int(number), v[some])
+                found[some] = self._closest_in(number, v[some])
         return found
 
     def _closest_in(self, number: int, v: Floats) -> Floats:

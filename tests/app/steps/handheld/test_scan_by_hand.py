@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from rona_core.app.declarations.figures import HANDHELD
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.runtime.recompute import replay
 from rona_core.app.runtime.session_step import Undo
@@ -23,12 +24,11 @@ from rona_core.app.steps.setup.messages import (
 from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.compose import new_workbench
 from rona_core.errors import DegenerateGeometryError, InvalidInputError, StepBlockedError
-from rona_core.evaluation.metrics import KEYS
 from rona_core.session.document import Session
 from rona_core.session.files import load_session, save_session
 
 QUICK = StartHandheldScan(duration_s=30.0, rate_hz=20.0, spacing_mm=3.0)
-SONO_KEYS = tuple(key for key in KEYS if key.startswith("sono"))
+SONO_KEYS = tuple(one.key for one in HANDHELD)
 
 
 @pytest.fixture(scope="module")

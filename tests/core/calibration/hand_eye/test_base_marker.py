@@ -100,6 +100,7 @@ def test_the_registration_is_as_good_at_every_place_as_before_if_the_base_marker
     )
 
 
+@pytest.mark.slow
 def test_the_predicted_cost_is_that_of_a_simulation():
     rng = np.random.default_rng(4)
     scene = scene_of(1)
@@ -126,6 +127,7 @@ def test_the_predicted_cost_is_that_of_a_simulation():
     np.testing.assert_allclose(carried.added_sigma_mm(HEAD), measured, rtol=0.06)
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("place", PLACES)
 @pytest.mark.parametrize("profile", ["polaris", "white035", "vega"])
 def test_the_predicted_cost_is_honest(profile, place):
@@ -144,6 +146,7 @@ def test_the_predicted_cost_is_honest(profile, place):
     assert 0.65 <= ratio <= 1.45
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("profile", ["ideal", "polaris", "white035"])
 def test_a_tracker_at_rest_is_not_said_to_have_moved(profile):
     scenes = [scene_of(seed, profile) for seed in range(12)]

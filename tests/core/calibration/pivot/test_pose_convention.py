@@ -5,11 +5,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from rona_core.calibration.handheld.imported_pivot import calibrate_recorded_pivot
-from rona_core.calibration.pivot.pose_convention import CHANGES, require_convention
+from rona_core.calibration.pivot.pose_convention import (
+    CHANGES,
+    require_convention,
+    require_stroke_convention,
+)
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.pose import Poses
 from tests.helpers.pivot_data import poses
-from tests.helpers.recorded_pivots import WRONG, random_pivot
+from tests.helpers.recorded_pivots import WRONG, random_pivot, random_stroke
 
 SEEDS = [range(6), pytest.param(range(100, 140), marks=pytest.mark.slow)]
 
@@ -95,3 +99,52 @@ def test_a_transposed_file_whose_marker_stands_straight_before_the_tracker():
         )
         assert named(right) is None
         assert named(WRONG["transposed"](right)) == "transposed"
+
+
+# -- strokes over bone -----------------------------------------------------------------------------
+
+STROKES = [range(3), pytest.param(range(100, 120), marks=pytest.mark.slow)]
+
+
+def named_of_stroke(made, tip):
+    """Return the change that a refusal of a stroke names; None where there is none."""
+    try:
+        require_stroke_convention(made, tip)
+    except InvalidInputError as error:
+        return error.data["change"]
+    return None
+
+
+@pytest.mark.parametrize("seeds", STROKES)
+def test_a_right_stroke_is_never_refused(seeds):
+    strokes = [random_stroke(seed) for seed in seeds]
+    assert [named_of_stroke(one.poses, one.tip) for one in strokes] == [None] * len(strokes)
+
+
+@pytest.mark.parametrize("seeds", STROKES)
+@pytest.mark.parametrize("change", WRONG)
+def test_a_changed_stroke_is_refused_by_name_or_gives_the_same_tips(change, seeds):
+    for seed in seeds:
+        right = random_stroke(seed)
+        wrong = WRONG[change](right.poses)
+        found = named_of_stroke(wrong, right.tip)
+        if found is None:
+            assert "rotation" in change, seed
+            rows = slice(1, None) if change == "rotation late" else slice(None, -1)
+            moved = wrong @ right.tip - (right.poses @ right.tip)[rows]
+            assert np.median(np.linalg.norm(moved, axis=1)) < 3.0
+        else:
+            assert found == change, seed
+
+
+def test_a_stroke_without_any_tilt_shows_no_convention_and_is_let_through():
+    """The documented limit: shifted copies of one surface are as smooth as it is."""
+    stroke = random_stroke(0)
+    still = np.broadcast_to(stroke.poses.rotations[0], stroke.poses.rotations.shape).copy()
+    tips = stroke.poses @ stroke.tip
+    level = Poses(still, tips - still @ stroke.tip)
+    for change in ("transposed", "real part first", "mirrored y"):
+        assert named_of_stroke(WRONG[change](level), stroke.tip) is None
+    wrong = WRONG["transposed"](stroke.poses)
+    short = Poses(wrong.rotations[:90], wrong.translations[:90])
+    assert named_of_stroke(short, stroke.tip) is None

@@ -15,7 +15,7 @@ import pytest
 from rona_core.devices.files.reader_process import MOST_BYTES
 from rona_core.session.document import Session
 from rona_core.session.files import load_session, session_bytes
-from rona_core.session.migrate import SCHEMA
+from rona_core.session.members import SCHEMA
 from rona_core.virtual.specimen.import_skull import import_skull
 from tests.helpers.bombs import (
     deflated,

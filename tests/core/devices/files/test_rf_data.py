@@ -61,6 +61,7 @@ KINDS = [npz, hdf5, lambda **c: hdf5(matlab=True, **c), mat]
 IDS = ["npz", "HDF5", "MATLAB 7.3", "MATLAB 5"]
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("write", KINDS, ids=IDS)
 def test_every_kind_of_file_gives_the_same_lines(write):
     read = read_rf(write())
@@ -74,6 +75,7 @@ def test_every_kind_of_file_gives_the_same_lines(write):
     assert (bare.start_us, bare.start_known, bare.positions_mm) == (0.0, False, None)
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("write", KINDS, ids=IDS)
 def test_positions_along_a_line_are_a_column(write):
     read = read_rf(write(positions=np.arange(float(N))))
@@ -85,6 +87,7 @@ def test_one_line_is_one_scan():
     assert read_rf(npz(rf=lines()[:1], positions=[1.0, 2.0, 3.0])).positions_mm.shape == (1, 3)
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize("write", KINDS, ids=IDS)
 @pytest.mark.parametrize("kind", [np.int16, np.int8, np.uint8, np.float32, np.float64])
 def test_samples_of_any_kind_and_numbers_in_any_shape_are_read(write, kind):
@@ -189,6 +192,7 @@ def test_nothing_outside_the_file_is_opened(tmp_path):
         read_rf(NamedFile("a.h5", data.getvalue()))
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("write", [npz, hdf5, mat], ids=["npz", "HDF5", "MATLAB 5"])
 @pytest.mark.parametrize("share", [0.2, 0.6, 0.95])
 def test_a_damaged_file_is_named_and_nothing_else_is_thrown(write, share):

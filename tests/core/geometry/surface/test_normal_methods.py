@@ -26,6 +26,7 @@ def errors_deg(found, at):
     return angles_deg(found.normals, at / np.linalg.norm(at, axis=1)[:, None])
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("density", [0.5, 3.0])
 def test_predicted_errors_are_honest(density):
     rng = np.random.default_rng(int(density * 10))
@@ -68,6 +69,7 @@ def test_quadrics_are_exact_on_quadrics(seed):
     assert found.ok.all()
 
 
+@pytest.mark.slow
 def test_the_radius_grows_with_noise_and_shrinks_with_density_and_relief():
     rng = np.random.default_rng(7)
     flat = rng.uniform(-45, 45, (12000, 2))
@@ -90,6 +92,7 @@ def test_the_radius_grows_with_noise_and_shrinks_with_density_and_relief():
     assert 1 / choose_radius(KDTree(sphere), "jet").curvature_per_mm == pytest.approx(R, rel=0.15)
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("method", ["ols", "jet"])
 def test_the_chosen_radius_is_nearly_as_good_as_the_best(method):
     rng = np.random.default_rng(8)
@@ -165,6 +168,7 @@ def test_a_path_alone_gives_its_normals_or_says_why_not():
     assert np.percentile(errors_deg(found, true), 95) < 3.0
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("method", ["ols", "jet"])
 def test_no_normal_is_silently_wrong_in_sparse_clouds(method):
     rng = np.random.default_rng(11)

@@ -193,9 +193,27 @@ def test_what_would_take_too_long_is_done_fast_and_says_so(monkeypatch):
     monkeypatch.setattr("rona_core.path.simplification.simplify.MAX_WORK", 1e3)
     found = simplify(path, 1.0)
     assert (found.method, found.exact) == ("fast", False)
-    with pytest.raises(InvalidInputError, match="cap_mm"):
-        simplify(path, ErrorBound(1.0, "k2"))
     assert simplify(path, ErrorBound(0.5, "k2", cap_mm=1.0)).method == "fast"
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("metric", ["k1", "k2", "k3"])
+def test_every_metric_and_method_simplifies_a_path_of_any_length(monkeypatch, metric, method):
+    path, _ = demonstration(np.random.default_rng(6), 300)
+    monkeypatch.setattr("rona_core.path.simplification.simplify.MAX_WORK", 1e3)
+    found = simplify(path, ErrorBound(1.0, metric), method=method)
+    searched = method in ("optimal", "fast")
+    replaced = "greedy" if metric != "k1" and searched else "fast" if searched else method
+    assert found.method == replaced
+    assert deviation(path, found.index, metric) <= 1.0 + 1e-9
+    assert len(found) < len(path)
+    assert not found.exact
+    said = f"greedy in place of {method}"
+    assert (said in found.rule) == (replaced == "greedy" != method)
+    if replaced == "greedy":
+        np.testing.assert_array_equal(
+            found.index, simplify(path, ErrorBound(1.0, metric), method="greedy").index
+        )
 
 
 def test_the_demonstrated_path_shrinks_as_published():

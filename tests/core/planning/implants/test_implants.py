@@ -7,7 +7,7 @@ import trimesh
 from rona_core.errors import InvalidInputError, NotFoundError
 from rona_core.geometry.mesh import Mesh
 from rona_core.planning.implants.catalogue import CATALOGUE, implant_named
-from rona_core.planning.implants.implant import Dimension, Implant
+from rona_core.planning.implants.implant import Implant
 from rona_core.planning.implants.solids import Prism, Stack, closed_mesh, cylinder, stadium
 
 AXIS_MM = np.arange(-15.05, 15.1, 0.7)  # no cell on an edge of the solids
@@ -91,11 +91,10 @@ def test_every_dimension_of_the_catalogue_is_marked():
         for screw in implant.screws:
             assert {screw.length_mm, screw.diameter_mm} <= known
     depth = {name: CATALOGUE[name].dimensions[1] for name in ("BCI 601", "BCI 602")}
-    assert {name: (d.value_mm, d.marking) for name, d in depth.items()} == {
-        "BCI 601": (8.7, "sourced"),
-        "BCI 602": (4.5, "sourced"),
+    assert {name: (d.value_mm, bool(d.source)) for name, d in depth.items()} == {
+        "BCI 601": (8.7, True),
+        "BCI 602": (4.5, True),
     }
-    assert Dimension("width", 1.0).marking == "assumed"
     assert len(CATALOGUE["BCI 602"].screws) == 2
 
 

@@ -171,11 +171,7 @@ def test_a_burr_that_is_larger_than_the_bed_is_refused():
         plan_milling(ROUND, SMALL, surface_mm=-1.0)
 
 
-def test_a_prefix_that_is_not_there_is_refused():
+def test_the_moves_add_up_to_the_whole_path():
     path = plan_milling(ROUND, SMALL)
-    last = int(path.layers[-1])
-    assert len(path.up_to_layer(last)) == len(path)
-    with pytest.raises(InvalidInputError, match=f"layers 0 to {last}, not {last + 1}"):
-        path.up_to_layer(last + 1)
     parts = sum(path.length_mm(move) for move in Move)
     assert parts == pytest.approx(path.length_mm())

@@ -100,6 +100,7 @@ def test_removal_is_that_of_distances_to_the_path():
     assert off.max() <= 0.6
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("implant", [ROUND, ROUND.lifted(1.6), STEPPED], ids=named)
 @pytest.mark.parametrize("tilt_deg", [0.0, 15.0])
 def test_the_quick_bed_is_that_of_the_path_but_for_its_ridges(implant, tilt_deg):

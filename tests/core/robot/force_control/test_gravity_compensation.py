@@ -1,5 +1,7 @@
 """Weighing the tool, and taking its weight off the readings."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,6 +15,7 @@ from rona_core.robot.force_control.gravity_compensation import (
     fit_tool_load,
     force_range_n,
     lever_mm,
+    mass_disagreement,
     pressing_force_n,
     weight_wrench,
 )
@@ -101,3 +104,32 @@ def test_a_longer_lever_would_limit_it():
     longer = replace(model, tool=replace(model.tool, T_flange_probe=far))
     assert lever_mm(longer) == pytest.approx(100.0)
     assert force_range_n(longer, JR3) == pytest.approx(50.0)
+
+
+def test_the_error_of_the_mass_is_as_large_as_its_sigma():
+    shares = []
+    for seed in range(400):
+        rotations, wrenches, mass, *_ = readings(seed, noise_n=0.05)
+        load = fit_tool_load(rotations, wrenches)
+        shares.append((load.mass_kg - mass) / load.mass_sigma_kg)
+    assert np.median(np.abs(shares)) == pytest.approx(0.695, abs=0.1)  # of t with 14 freedoms
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    seed=st.integers(0, 10_000),
+    sigmas=st.floats(-8.0, 8.0).filter(lambda share: abs(abs(share) - 3.0) > 1e-6),
+    stated_sigma=st.floats(0.0, 0.05),
+)
+def test_a_weighed_mass_more_than_three_sigmas_off_is_reported(seed, sigmas, stated_sigma):
+    rotations, wrenches, *_ = readings(seed, noise_n=0.05)
+    load = fit_tool_load(rotations, wrenches)
+    off_kg = sigmas * np.hypot(load.mass_sigma_kg, stated_sigma)
+    tool = replace(
+        robot_model("rx90").tool, mass_kg=load.mass_kg - off_kg, mass_sigma_kg=stated_sigma
+    )
+    found = mass_disagreement(load, tool)
+    assert (found is not None) == (abs(sigmas) > 3.0)
+    if found is not None:
+        assert f"{1000 * load.mass_kg:.0f} ±" in found
+        assert "Check what is on the flange and scan again" in found

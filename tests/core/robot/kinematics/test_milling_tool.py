@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rona_core.devices.settings import ROBOTS
+from rona_core.devices.robots import ROBOTS
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.pose import Pose
 from rona_core.robot.collision.collision_geometry import BURR, SPINDLE, collision_bodies

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rona_core.devices.settings import ROBOTS
+from rona_core.devices.robots import ROBOTS
 from rona_core.errors import InvalidInputError
 from rona_core.robot.kinematics.catalog import figures_of, robot_model
 from rona_core.robot.kinematics.parameter_sources import overridden

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rona_core.devices.settings import ROBOTS
+from rona_core.devices.robots import ROBOTS
 from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Poses
 from rona_core.robot.collision.obstacles import NOTHING_AROUND
@@ -60,9 +60,10 @@ def test_forward_agrees_with_pinocchio(name):
 
 
 @every_arm
-def test_every_branch_reaches_a_hundred_thousand_poses(name):
+@pytest.mark.parametrize("n", [3000, pytest.param(100_000, marks=pytest.mark.slow)])
+def test_every_branch_reaches_poses_anywhere(name, n):
     model = MODELS[name]
-    qs = random_joints(model, 100_000)
+    qs = random_joints(model, n)
     poses = model.forward(qs)
     solutions = model.inverse(poses)
     off_mm, turned = residual_mm(model, poses, solutions)
@@ -221,6 +222,7 @@ def test_home_points_the_tool_down_clear_of_the_limits_and_of_the_head(name):
     assert not model.home_rad.flags.writeable
 
 
+@pytest.mark.sweep(1)
 @every_arm
 def test_the_tool_motion_in_the_work_area_is_certified(name):
     motion = plan_tool_motion(MODELS[name])
@@ -230,6 +232,7 @@ def test_the_tool_motion_in_the_work_area_is_certified(name):
     )
 
 
+@pytest.mark.sweep(1)
 @every_arm
 def test_a_path_in_the_work_area_is_planned_and_certified(name):
     model = MODELS[name]

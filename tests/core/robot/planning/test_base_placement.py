@@ -28,7 +28,14 @@ from tests.helpers.roll_search import search_rolls
 from tests.scenes.patch_scenes import dense_path
 
 RX90 = robot_model("rx90")
-SMALL = BaseSearch(half_x_mm=200.0, half_y_mm=200.0, n_points=30, n_rolls=24)
+
+
+def around(count):
+    """Rolls all around, evenly."""
+    return tuple((360.0 * np.arange(count) / count).tolist())
+
+
+SMALL = BaseSearch(half_x_mm=200.0, half_y_mm=200.0, n_points=30, rolls_deg=around(24))
 QUICK = PlanSettings(n_rolls=36)
 
 
@@ -50,7 +57,7 @@ def refused():
 
 
 def screening(path, margin_limits, n_points, n_rolls):
-    search = BaseSearch(n_points=n_points, n_rolls=n_rolls, margin_limits=margin_limits)
+    search = BaseSearch(n_points=n_points, rolls_deg=around(n_rolls), margin_limits=margin_limits)
     return CoarseScreening(path, RX90, search)
 
 
@@ -180,12 +187,13 @@ def test_a_head_and_base_moved_together_change_nothing(refused):
         assert (a.turn_deg, a.moved_mm, a.n_feasible) == (b.turn_deg, b.moved_mm, b.n_feasible)
 
 
+@pytest.mark.slow
 def test_a_mirrored_path_has_a_mirrored_map():
     """Left and right of the arm are alike, but for the rolls that happen to be looked at."""
     path = short("S3")
     mirror = np.array((1.0, -1.0, 1.0))
     other = Path5D(path.points_base * mirror, path.axes_base * mirror)
-    none = replace(SMALL, n_rolls=90, half_x_mm=100.0)
+    none = replace(SMALL, rolls_deg=around(90), half_x_mm=100.0)
     refuse = lambda path, old_in_new: plan_scan(path, RX90, PlanSettings(n_rolls=1))  # noqa: E731
     a = place_base(path, RX90, RobotSettings(), search=none, planner=refuse)
     b = place_base(other, RX90, RobotSettings(), search=none, planner=refuse)
@@ -193,6 +201,7 @@ def test_a_mirrored_path_has_a_mirrored_map():
     np.testing.assert_allclose(a.turns_deg, -b.turns_deg[:, ::-1], atol=0.11)
 
 
+@pytest.mark.slow
 def test_what_stands_around_moves_with_the_planner(refused):
     """The planner is told how the old base looks from the new place."""
     path, found = refused
@@ -211,7 +220,7 @@ def test_what_stands_around_moves_with_the_planner(refused):
 
 def test_where_nothing_works_the_reasons_say_so():
     far = path_from(short("S0"), Pose.from_translation((2500.0, 0.0, 0.0)))
-    tiny = replace(SMALL, half_x_mm=100.0, half_y_mm=100.0, n_rolls=8)
+    tiny = replace(SMALL, half_x_mm=100.0, half_y_mm=100.0, rolls_deg=around(8))
     found = place_base(far, RX90, RobotSettings(), search=tiny, planner=quick)
     assert found.best is None
     assert found.smallest is None
@@ -222,7 +231,9 @@ def test_where_nothing_works_the_reasons_say_so():
 
 
 def test_the_head_itself_is_no_place_and_levels_are_tried():
-    near = replace(SMALL, half_x_mm=400.0, step_mm=200.0, levels_mm=(-150.0, 0.0), n_rolls=8)
+    near = replace(
+        SMALL, half_x_mm=400.0, step_mm=200.0, levels_mm=(-150.0, 0.0), rolls_deg=around(8)
+    )
     found = place_base(short("S0"), RX90, RobotSettings(), search=near, planner=quick)
     head = short("S0").points_base.mean(axis=0)
     gaps = np.hypot(found.x_mm[:, None] - head[0], found.y_mm[None] - head[1])
@@ -241,7 +252,7 @@ def test_cancel_and_progress():
 
 
 def test_nonsense_is_refused_by_name():
-    for wrong in ({"step_mm": 1.0}, {"levels_mm": ()}, {"n_rolls": 0}, {"half_x_mm": -1.0}):
+    for wrong in ({"step_mm": 1.0}, {"levels_mm": ()}, {"rolls_deg": ()}, {"half_x_mm": -1.0}):
         with pytest.raises(InvalidInputError, match=next(iter(wrong))):
             BaseSearch(**wrong)
     point = Path5D(np.zeros((1, 3)), np.array(((0, 0, 1.0),)))

@@ -19,7 +19,8 @@ from rona_core.robot.trajectory.cutting_timing import (
     time_cutting,
 )
 from rona_core.robot.trajectory.trajectory import SAMPLE_S
-from rona_core.robot.verification.cutting_verifier import CuttingTolerances, verify_cutting
+from rona_core.robot.verification.cutting_verifier import verify_cutting
+from rona_core.robot.verification.tolerances import CuttingTolerances
 from tests.scenes.cut_scenes import HIGH_MM, rings
 
 PLACES = {"rx90": (600.0, 60.0, 400.0), "ur10": (600.0, 60.0, 400.0)}
@@ -222,9 +223,14 @@ def test_a_spindle_too_close_to_the_head_and_a_burr_too_deep_are_caught(motion):
 
 def test_certificates_are_of_one_motion_and_one_surrounding(plan):
     certificate, motion = plan.certificate, plan.trajectory
-    assert certificate.certifies(motion, RX90, head(PATH))
-    assert not certificate.certifies(motion, RX90, head(PATH, 5.0))
-    assert not certificate.certifies(replace(motion, qs_rad=motion.qs_rad + 1e-9), RX90, head(PATH))
+    insisted = CuttingTolerances()
+    moved = replace(motion, qs_rad=motion.qs_rad + 1e-9)
+    assert certificate.certifies(motion, RX90, head(PATH), insisted)
+    assert not certificate.certifies(motion, RX90, head(PATH, 5.0), insisted)
+    assert not certificate.certifies(moved, RX90, head(PATH), insisted)
+    other = CuttingTolerances(below_mm=0.06)
+    assert not certificate.certifies(motion, RX90, head(PATH), other)
+    assert not certificate.certifies(motion, RX90, head(PATH)), "it is no motion like any other"
 
 
 def test_where_no_roll_reaches_the_bed_the_verdicts_say_why():

@@ -10,26 +10,26 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from rona_core.devices.robots import ROBOTS
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.pose import Pose
 from rona_core.robot.collision.collision_geometry import ConvexBody, collision_bodies
 from rona_core.robot.collision.collision_world import CollisionWorld
 from rona_core.robot.collision.obstacles import NOTHING_AROUND
-from rona_core.robot.kinematics.catalog import KNOWN, robot_model
+from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.milling_tool import Spindle
 from rona_core.robot.kinematics.pinocchio_model import pinocchio_model
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.kinematics.rx90 import rx90
 from rona_core.robot.kinematics.universal_robots import ur, urdf_path
 from rona_core.robot.trajectory.joint_moves import plan_joint_move
-from rona_core.robot.trajectory.trajectory import motion_digest
 from rona_core.robot.verification import robot_digest as module
 from rona_core.robot.verification.robot_digest import NOT_COUNTED, robot_digest
 from rona_core.robot.verification.verifier import verify_motion
 
 BUILDERS = {"rx90": rx90, "ur5": partial(ur, "ur5"), "ur10": partial(ur, "ur10")}
 COUNTS_MM, COUNTS_RAD = 2e-6, 2e-6  # of poses and bodies, whose last bits depend on the processor
-every_robot = pytest.mark.parametrize("name", KNOWN)
+every_robot = pytest.mark.parametrize("name", ROBOTS)
 
 
 def milling(model):
@@ -108,9 +108,9 @@ def test_models_built_twice_have_one_digest_whatever_they_are_called(name, tmp_p
 
 
 def test_all_robots_of_the_catalogue_differ_with_either_tool():
-    models = [robot_model(name) for name in KNOWN]
+    models = [robot_model(name) for name in ROBOTS]
     digests = {robot_digest(model) for model in (*models, *map(milling, models))}
-    assert len(digests) == 2 * len(KNOWN)
+    assert len(digests) == 2 * len(ROBOTS)
 
 
 def test_a_field_that_is_added_counts_and_one_that_cannot_be_counted_is_refused():
@@ -183,7 +183,7 @@ def test_any_pair_of_bodies_that_is_looked_at_counts(monkeypatch, name):
 def test_allowed_pairs_belong_to_the_model_and_not_to_its_name(name):
     model = BUILDERS[name]()
     named = [(pair.first, pair.second) for pair in CollisionWorld(model).pairs]
-    for other in ("tx2-60l", *KNOWN):
+    for other in ("tx2-60l", *ROBOTS):
         world = CollisionWorld(replace(model, name=other))
         assert [(pair.first, pair.second) for pair in world.pairs] == named
     assert set(model.held_apart).isdisjoint(named)
@@ -193,9 +193,10 @@ def test_allowed_pairs_belong_to_the_model_and_not_to_its_name(name):
 
 
 PRINT = """
-from rona_core.robot.kinematics.catalog import KNOWN, milling_robot, robot_model
+from rona_core.devices.robots import ROBOTS
+from rona_core.robot.kinematics.catalog import milling_robot, robot_model
 from rona_core.robot.verification.robot_digest import robot_digest
-for name in KNOWN:
+for name in ROBOTS:
     print(robot_digest(robot_model(name)), robot_digest(milling_robot(name, 2.5, (0.1, 0.2, 0.3))))
 """
 
@@ -213,7 +214,7 @@ def test_a_robot_has_one_digest_on_every_processor():
         ).stdout.split()
         for processor in ("Haswell", "Nehalem")
     ]
-    assert len(found[0]) == 2 * len(KNOWN)
+    assert len(found[0]) == 2 * len(ROBOTS)
     assert all(one == other for one, other in pairwise(found))
 
 
@@ -259,16 +260,3 @@ def test_a_certificate_is_worth_nothing_for_another_robot(what):
     forged = replace(certificate, robot=robot_digest(other))
     assert not forged.certifies(motion, other, NOTHING_AROUND)
     assert "another motion" in forged.refusal(motion, other, NOTHING_AROUND)
-
-
-def test_a_certificate_of_an_earlier_version_certifies_nothing():
-    """It named the robot and kept no more of it: any arm of that name would do."""
-    model = rx90()
-    motion = plan_joint_move(model.home_rad, model.home_rad + 0.1, model)
-    certificate = verify_motion(model, motion, obstacles=NOTHING_AROUND)
-    around = certificate.obstacles
-    named = motion_digest(model.name, motion.times_s, motion.qs_rad, around)
-    old = replace(certificate, robot="", digest=named)
-    assert old.belongs_to(motion), "so far it is in order, and a plan that is shown stays one"
-    assert not old.certifies(motion, model, NOTHING_AROUND)
-    assert old.refusal(motion, model, NOTHING_AROUND).endswith("plan again")

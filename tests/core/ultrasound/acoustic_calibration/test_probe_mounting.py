@@ -49,6 +49,7 @@ def placed_wrong_mm(found, world, settings):
     return found.offset_mm + standoff + AT_MM
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("settings", [ProbeSettings(), ProbeSettings("1MHz", "pulse")])
 @pytest.mark.parametrize("seed", range(4))
 def test_a_scan_is_placed_right_however_warm_and_however_clamped(settings, seed):
@@ -62,6 +63,7 @@ def test_a_scan_is_placed_right_however_warm_and_however_clamped(settings, seed)
         assert abs(placed_wrong_mm(found, drawn, settings)) < 4.0 * found.sigma_mm
 
 
+@pytest.mark.slow
 def test_the_stated_sigma_holds_over_many_gauges():
     drawn = replace(NOMINAL, line_excess_k=8.0, mounting_mm=0.3)
     ratios = []

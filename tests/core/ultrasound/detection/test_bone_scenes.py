@@ -54,6 +54,7 @@ def test_a_meander_steps_by_its_pitch():
     assert len({tuple(cell) for cell in cells}) == 25
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("name", ["2.25MHz", "1MHz"])
 @pytest.mark.parametrize("inner_snr_db", [10.0, 25.0])
 def test_the_noise_of_a_plate_is_the_one_asked_for(name, inner_snr_db):

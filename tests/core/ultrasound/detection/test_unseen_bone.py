@@ -67,6 +67,7 @@ def bone(medium, shape, thickness_mm=6.0):
     return record("bone", plate, medium, settings, poses, cells, 1.0, 77)
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("factor", [0.88, 0.95, 1.07, 1.15])
 def test_faster_bone_is_found_faster_whatever_its_nominal_speed(factor):
     """Were the nominal speeds of the generator known to detection, this would come out wrong."""
@@ -114,6 +115,7 @@ def odd_pulse(seed):
     return Pulse(poles, lobes)
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("seed", range(6))
 def test_any_pulse_that_a_block_has_shown_will_do(seed):
     """None of these is a named shape: nothing was ever tuned with them."""
@@ -123,6 +125,7 @@ def test_any_pulse_that_a_block_has_shown_will_do(seed):
     assert np.abs(error[ok]).max() < 0.1
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize(
     "worn",
     [
@@ -141,6 +144,7 @@ def test_a_transducer_that_has_aged_since_the_block_was_recorded(worn):
     assert np.abs(error[ok]).max() < 0.1
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize(
     "medium",
     [

@@ -9,8 +9,7 @@ from rona_core.app.steps.setup.messages import SetBoneModel, SetWorld
 from rona_core.compose import build_virtual_rig
 from rona_core.devices.world_settings import NOMINAL_WORLD
 from rona_core.errors import InvalidInputError
-from rona_core.session.document import Session, Setup
-from rona_core.session.migrate import ADDED_IN_3
+from rona_core.session.document import Session
 from rona_core.session.specimen import BoneChoice
 from rona_core.virtual.acoustics.medium import (
     LOCAL_SD,
@@ -81,9 +80,3 @@ def test_the_choice_reaches_the_virtual_probe_and_makes_its_scan_another():
         for bone in ("normal", "hard")
     ]
     assert touched[0] == touched[1]  # a pointer does not hear the bone
-
-
-def test_older_sessions_had_bone_of_nominal_speed():
-    added = ADDED_IN_3["Setup"]["bone"]
-    assert BoneChoice(added["kind"], added["own_speed"]) == BoneChoice(own_speed=False)
-    assert Setup().bone.own_speed

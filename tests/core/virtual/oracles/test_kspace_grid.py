@@ -31,6 +31,7 @@ def test_a_cut_cell_costs_an_echo_by_the_square_of_its_size():
     assert coarse / fine == pytest.approx(16.0, rel=0.1)
 
 
+@pytest.mark.slow
 def test_the_grid_gives_back_a_stored_field():
     """The same cells, the same steps: all there is up to the front echo, and that echo."""
     case = stored_strip("1mhz_flat")

@@ -32,6 +32,7 @@ def here(comparison):
     return comparison
 
 
+@pytest.mark.sweep(1)
 @EXACT
 def test_four_layers_agree_with_the_wave_equation(exact):
     """Five media in 1D within 1.5 %: the grid itself is good to 1.3 %."""
@@ -41,6 +42,7 @@ def test_four_layers_agree_with_the_wave_equation(exact):
     assert abs(found.front_ns) < 2.0
 
 
+@pytest.mark.sweep(2)
 @EXACT
 @pytest.mark.parametrize("name", STRIPS)
 def test_a_strip_aperture_agrees_with_the_wave_equation(name, exact):
@@ -49,12 +51,14 @@ def test_a_strip_aperture_agrees_with_the_wave_equation(name, exact):
     assert abs(found.front_ns) < 31.0
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("name", [name for name in STRIPS if "tilt" not in name])
 def test_sharp_bone_that_does_not_lean_echoes_within_half_a_decibel_of_the_field(name):
     """Under a lean the cells of the field cost its echo more; see the next test for all four."""
     assert abs(here(strip(name)).front_db) < 0.5
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("name", STRIPS)
 def test_tilt_and_curvature_cost_what_they_cost_in_the_wave_equation(name):
     """Front echo within half a decibel of the same grid's perpendicular flat bone."""
@@ -62,6 +66,7 @@ def test_tilt_and_curvature_cost_what_they_cost_in_the_wave_equation(name):
     assert abs(here(strip(name)).front_db - flat.front_db) < 0.5
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("name", STRIPS)
 def test_bone_in_the_cells_of_the_field_echoes_as_loud_as_the_field(name):
     """Like beside like: flat, curved and tilted front echoes within 0.15 dB and 4 ns."""

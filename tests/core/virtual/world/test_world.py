@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import fields, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -34,6 +35,11 @@ def world(seed=1, profile="realistic", **chosen):
     return draw_world(WorldSettings(profile, **chosen), BONE, seed)
 
 
+@cache
+def worlds(profile):
+    return [world(seed, profile) for seed in range(400)]
+
+
 def cell(spread):
     if isinstance(spread, Uniform):
         return f"U({spread.low:g}, {spread.high:g})"
@@ -54,7 +60,7 @@ def test_the_page_has_every_quantity_with_its_distributions():
 @pytest.mark.parametrize("name", list(QUANTITIES))
 @pytest.mark.parametrize("profile", ["realistic", "hard"])
 def test_draws_follow_the_distribution_within_what_can_be_set(name, profile):
-    values = np.array([getattr(world(seed, profile), name) for seed in range(300)])
+    values = np.array([getattr(one, name) for one in worlds(profile)])
     spread = getattr(QUANTITIES[name], profile)
     low, high = range_of(WorldSettings, name)
     assert low <= values.min()
@@ -81,7 +87,7 @@ def test_what_is_set_is_as_it_is_set_and_moves_nothing_else():
 
 def test_some_patients_have_sharp_or_hard_bone_but_none_in_the_nominal_world():
     for profile, (sharp, hard) in BONE_KINDS.items():
-        kinds = [world(seed, profile).bone.kind for seed in range(400)]
+        kinds = [one.bone.kind for one in worlds(profile)]
         assert kinds.count("sharp") / 400 == pytest.approx(sharp, abs=0.05)
         assert kinds.count("hard") / 400 == pytest.approx(hard, abs=0.05)
     asked = draw_world(WorldSettings("hard"), BoneChoice("sharp"), 3)

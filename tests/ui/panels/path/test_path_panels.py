@@ -49,7 +49,7 @@ from rona_ui.scene.path.path_editing import EditLayer, point_at
 from rona_ui.scene.viser_nodes import DOTS_MM, SHADES, SceneNodes, dots_along, shades
 from tests.helpers.ui.fake_gui import FakeClient, FakeGui
 
-FILE = Path(__file__).parents[3] / "contract" / "sessions" / "schema_1.rona"
+FILE = Path(__file__).parents[3] / "sessions" / "path.rona"
 CLIENT = FakeClient()
 SMOOTHING = ViewState(step="smoothing")
 
@@ -166,6 +166,18 @@ def test_the_panel_tells_counts_bound_deviations_radius_and_tilt(smoothed) -> No
     gui = FakeGui()
     SmoothingPanel(gui, Recorder(SMOOTHING).context).render(None, snapshot(greedy))
     assert "(fewer may suffice)" in gui.html()
+    assert "Method used" not in gui.html(), "it is the one that was chosen"
+
+
+@pytest.mark.parametrize(("metric", "used"), [("k1", "Few points, fast"), ("k2", "Greedy (paper)")])
+def test_a_method_that_takes_the_place_of_the_chosen_one_is_named(
+    smoothed, monkeypatch, metric, used
+) -> None:
+    monkeypatch.setattr("rona_core.path.simplification.simplify.MAX_WORK", 1e3)
+    gui = FakeGui()
+    panel = SmoothingPanel(gui, Recorder(SMOOTHING).context)
+    panel.render(None, snapshot(handle(SmoothScanPath(metric=metric), smoothed)))
+    assert f"Method used: {used}" in gui.html()
 
 
 def test_warnings_name_the_place_and_do_not_crowd(smoothed) -> None:

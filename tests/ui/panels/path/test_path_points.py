@@ -8,7 +8,6 @@ import pytest
 from rona_core.app.runtime.handling import handle
 from rona_core.app.steps.path.messages import DeletePathPoint, InsertPathPoint, MovePathPoint
 from rona_core.errors import DegenerateGeometryError
-from rona_core.session.files import load_session
 from rona_ui.panels.path.path_points import PathPoints
 from rona_ui.presentation.camera import CameraPose
 from rona_ui.presentation.held_point import (
@@ -20,17 +19,11 @@ from rona_ui.presentation.held_point import (
     nudged,
 )
 from rona_ui.presentation.view_state import ViewState
-from rona_ui.resources import demo_session
 from rona_ui.scene.path.path_editing import point_at
 from tests.helpers.ui.fake_gui import FakeGui
 from tests.ui.panels.test_panels import CLIENT, Recorder, snapshot
 
 VIEW = ViewState(step="smoothing")
-
-
-@pytest.fixture(scope="module")
-def demo():
-    return load_session(demo_session())
 
 
 @pytest.fixture(scope="module")

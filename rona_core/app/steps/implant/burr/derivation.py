@@ -4,6 +4,7 @@ from typing import Literal
 
 import numpy as np
 
+from rona_core.app.declarations.figures import limit_of
 from rona_core.app.steps.implant.burr.inputs import BurrInputs
 from rona_core.app.steps.implant.burr.messages import RegisterBurr
 from rona_core.app.steps.implant.burr.registration import BurrRegistration
@@ -26,7 +27,8 @@ from rona_core.robot.kinematics.link_errors import ROBOT_ACCURACY_MM, link_error
 # Assumed, per axis: a shank in a collet runs out by some hundredths of a millimetre, and the pin
 # that was registered does so as the burr does that takes its place.
 CHUCK_MM = 0.06
-GOOD_MM, WEAK_MM = 0.4, 1.0  # predicted error of a good registration, and of one of use at all
+# predicted error of a good registration, and of one of use at all
+GOOD_MM, WEAK_MM = limit_of("burr_tip_sigma_mm"), 1.0
 SCATTER_MM = 0.5  # of a tip that stayed in its seat; robots repeat ten times better
 FURTHEST_MM = 3.0  # a spindle so far off its drawing is not clamped as it should be
 TOLD_SIGMAS = 2.5  # 3D: robot and tracker this far apart do not speak of one tip

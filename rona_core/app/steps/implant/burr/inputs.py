@@ -3,7 +3,7 @@
 from rona_core.app.declarations.inputs import Input, given, inputs
 from rona_core.app.dependencies.base_reference import TRACKER_FIELD
 from rona_core.app.dependencies.inputs import capture_input
-from rona_core.app.dependencies.judged import usable
+from rona_core.app.dependencies.judge import usable
 from rona_core.app.steps.implant.burr.registration import BurrRegistration
 from rona_core.app.steps.setup.inputs import MODEL, ROBOT_ERRORS
 from rona_core.app.steps.tool.inputs import TOOL
@@ -13,7 +13,7 @@ from rona_core.session.captures import ToolCapture
 
 BURR_CAPTURE: Input[ToolCapture] = capture_input("burr")
 KNOWN_BURR: Input[BurrRegistration] = Input(
-    lambda s: usable("burr", s.results.get("burr"), s), "register the burr (step 10)", optional=True
+    lambda s: usable("burr", s), "register the burr (step 10)", optional=True
 )
 
 

@@ -1,8 +1,8 @@
 """Messages of the registration of the burr."""
 
-from rona_core.app.messages.message import message, within
-from rona_core.app.steps.tool.messages import POSES
-from rona_core.devices.limits import limited
+from rona_core.app.messages.message import message
+from rona_core.app.steps.tool.messages import HALF_ANGLE, RegisterTool, StartToolCapture
+from rona_core.devices.limits import like, number
 
 
 @message
@@ -13,13 +13,12 @@ class StartBurrCapture:
     yields to it.
     """
 
-    cone_deg: float = within(10.0, 45.0, default=30.0)
-    n_pivot: int = within(5, 200, default=30)
+    cone_deg: float = number(30.0, "Pivot cone", "deg", 10.0, 45.0, 1.0, hint=HALF_ANGLE)
+    n_pivot: int = like(StartToolCapture, "n_pivot")
 
 
 @message
 class RegisterBurr:
     """Compute where the tip of the burr is on the flange, from the recorded turns in the seat."""
 
-    # poses left out by hand, rows of the result's residuals
-    exclude: tuple[int, ...] = limited((), **POSES)
+    exclude: tuple[int, ...] = like(RegisterTool, "exclude")

@@ -1,6 +1,8 @@
 """Burr: the tip of the spindle registered in a seat, before a bed is laid and milled."""
 
 from rona_core.app.declarations import declarations as declare
+from rona_core.app.declarations.declarations import Remedy
+from rona_core.app.dependencies.judge import by_verdict
 from rona_core.app.runtime.handling import compute_result, record
 from rona_core.app.steps.implant.burr.capture import capture_burr
 from rona_core.app.steps.implant.burr.derivation import register_burr
@@ -21,7 +23,7 @@ STEP = declare.Step(
             "Turning the burr in its seat",
             needs=(TOOL,),
             drives_robot=True,
-            records=True,
+            makes=("burr",),
         ),
     ),
     captures=(
@@ -33,6 +35,14 @@ STEP = declare.Step(
         ),
     ),
     results=(
-        declare.Result.of("burr", RegisterBurr, register_burr, "register the burr (step 10)"),
+        declare.Result.of(
+            "burr",
+            RegisterBurr,
+            register_burr,
+            "register the burr (step 10)",
+            judged=by_verdict(
+                Remedy("turn the burr in its seat again (step 10)", StartBurrCapture())
+            ),
+        ),
     ),
 )

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from rona_core.app.dependencies.judged import Judged
-from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.steps.implant.burr.registration import BurrRegistration
 from rona_core.mapping.accuracy.probe_place import SEAT_MM
 from rona_core.session.document import Session
@@ -13,20 +12,17 @@ UNKNOWN = (
 )
 
 
-def burr_view(session: Session) -> Judged | None:
-    """Return what is known of the tip of the burr; None where it was not registered."""
+def burr_words(session: Session) -> str:
+    """Return what is known of the burr's tip, and whether it is used; empty if not registered."""
     held = session.results.get("burr")
     if held is None:
-        return None
+        return ""
     found: BurrRegistration = held.value
     x, y, z = found.offset_tip.tolist()
     words = (
         f"Tip {np.linalg.norm(found.offset_tip):.2f} mm off its drawing (x {x:+.2f}, y {y:+.2f}, "
         f"z {z:+.2f}), expected error {found.tip_sigma_mm:.2f} mm"
     )
-    reason = stale_reason("burr", session)
-    if reason is not None:
-        return Judged(f"{words}. Not used: {reason}.", "stale")
-    if found.verdict == "bad":
-        return Judged(f"{'; '.join((words, *found.reasons))}. Not used.", "bad")
-    return Judged(f"{'; '.join((words, *found.reasons))}. The milling is corrected.", found.verdict)
+    judgement = judge_part("burr", session)
+    sentence = judgement.beside(words)
+    return f"{sentence} The milling is corrected." if judgement.holds else sentence

@@ -4,17 +4,28 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from rona_core.app.declarations.declarations import ActivityContext, Message, Perform
+from rona_core.app.declarations.declarations import (
+    USABLE,
+    ActivityContext,
+    Judgement,
+    Message,
+    Perform,
+    Remedy,
+)
+from rona_core.app.dependencies.inputs import result_input
+from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.messages.message import StoreCapture
 from rona_core.app.runtime.handling import handle
 from rona_core.app.steps.scan.landmarks.capture import capture_landmarks
 from rona_core.app.steps.scan.landmarks.messages import StartLandmarkCapture, VerifyLandmarks
+from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.calibration.landmark_check import LandmarkCheck
 from rona_core.devices.protocols import Progress
 from rona_core.errors import CancelledError, StepBlockedError
 from rona_core.session.document import Session
 
+LANDMARKS = result_input("landmarks", optional=True)  # missing or stale: verified before a scan
 SHARE = 0.1  # of the progress of a scan that is verified first
 REMEDY = "verify again, register again (steps 2 and 3), or override it with a reason"
 
@@ -48,12 +59,16 @@ def verification(session: Session) -> Verification:
     return Verification("passed", "Tracker, pointer and robot agree on the landmarks.", check)
 
 
-def failed_reason(session: Session) -> str | None:
-    """Return why the robot must not follow a path; None where it may, or it is to be verified."""
+def judge_landmarks(check: LandmarkCheck, session: Session) -> Judgement:
+    """Return whether the robot may follow a path after this verification."""
     found = verification(session)
-    if found.state != "failed":
-        return None
-    return f"the verification on landmarks failed: {found.sentence.rstrip('.')}; {REMEDY}"
+    remedy = Remedy(REMEDY, StartToolCapture())
+    if found.state == "failed":
+        words = f"the verification on landmarks failed: {found.sentence.rstrip('.')}; {REMEDY}"
+        return Judgement("bad", words, remedy)
+    if found.state == "overridden" or check.contradiction:
+        return Judgement("weak", found.sentence.rstrip("."), remedy)
+    return USABLE
 
 
 def verified_first(perform: Perform) -> Perform:
@@ -75,9 +90,9 @@ def verified_first(perform: Perform) -> Perform:
             session = handle(VerifyLandmarks(), handle(stored, session))
             yield VerifyLandmarks()
             context = replace(context, progress=part(SHARE, 1.0))
-        reason = failed_reason(session)
-        if reason is not None:
-            raise StepBlockedError(f"the robot has not moved: {reason}")
+        found = judge_part("landmarks", session)
+        if found.state == "bad":
+            raise StepBlockedError(f"the robot has not moved: {found.reason}")
         yield from perform(activity, session, context)
 
     return both

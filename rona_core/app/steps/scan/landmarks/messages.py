@@ -1,7 +1,7 @@
 """Messages of the verification on landmarks."""
 
-from rona_core.app.messages.message import message, within
-from rona_core.devices.limits import limited
+from rona_core.app.messages.message import message
+from rona_core.devices.limits import limited, number
 
 MAX_REASON = 300  # characters
 
@@ -14,8 +14,12 @@ class StartLandmarkCapture:
     without the tracker.
     """
 
-    dwell_s: float = within(0.3, 10.0, default=0.8)  # the pointer rests in each
-    travel_s: float = within(0.3, 10.0, default=0.7)  # from one to the next
+    dwell_s: float = number(
+        0.8, "Rest", "s", 0.3, 10.0, 0.1, hint="Of the pointer in each landmark"
+    )
+    travel_s: float = number(
+        0.7, "Travel", "s", 0.3, 10.0, 0.1, hint="From one landmark to the next"
+    )
 
 
 @message
@@ -26,8 +30,12 @@ class VerifyLandmarks:
     than ``limit_mm``.
     """
 
-    sigmas: float = within(1.0, 10.0, default=3.0)
-    limit_mm: float = within(0.1, 10.0, default=2.0)
+    sigmas: float = number(
+        3.0, "Limit in sigmas", "", 1.0, 10.0, 0.5, hint="Of the predicted distance"
+    )
+    limit_mm: float = number(
+        2.0, "Limit", "mm", 0.1, 10.0, 0.1, hint="Of the distance of a landmark"
+    )
 
 
 @message

@@ -1,7 +1,6 @@
 """Landmarks: tracker registration and pointer verified against the robot, before it may scan."""
 
 from rona_core.app.declarations import declarations as declare
-from rona_core.app.dependencies.base_reference import placed_reason
 from rona_core.app.runtime.handling import compute_result, record
 from rona_core.app.steps.pointer.inputs import POINTER
 from rona_core.app.steps.scan.landmarks.capture import LandmarkCapture, capture_landmarks
@@ -9,6 +8,7 @@ from rona_core.app.steps.scan.landmarks.derivation import (
     compare_landmarks,
     override,
 )
+from rona_core.app.steps.scan.landmarks.gate import judge_landmarks
 from rona_core.app.steps.scan.landmarks.inputs import LANDMARKS_CAPTURE
 from rona_core.app.steps.scan.landmarks.messages import (
     OverrideLandmarks,
@@ -17,6 +17,7 @@ from rona_core.app.steps.scan.landmarks.messages import (
 )
 from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.tool.inputs import TOOL
+from rona_core.app.steps.tool.step import moved_tracker
 
 STEP = declare.Step(
     "landmarks",
@@ -35,8 +36,8 @@ STEP = declare.Step(
             ),
             "Touching the landmarks",
             needs=(TOOL, POINTER),
-            blocked=placed_reason,
-            records=True,
+            makes=("landmarks",),
+            blocked=moved_tracker,
         ),
     ),
     captures=(
@@ -49,7 +50,11 @@ STEP = declare.Step(
     ),
     results=(
         declare.Result.of(
-            "landmarks", VerifyLandmarks, compare_landmarks, "verify on landmarks (step 8)"
+            "landmarks",
+            VerifyLandmarks,
+            compare_landmarks,
+            "verify on landmarks (step 8)",
+            judged=judge_landmarks,
         ),
         declare.Result.of(
             "override", OverrideLandmarks, override, "override the verification (step 8)"

@@ -1,6 +1,7 @@
 """What most of those around refuse that show the same boundary is not sure."""
 
 import numpy as np
+import pytest
 
 from rona_core.ultrasound.detection.spatial.agreement import refused_around
 from rona_core.ultrasound.detection.spatial.neighbours import scan_links
@@ -39,6 +40,7 @@ def test_those_that_show_nothing_have_no_say():
     assert not len(refused_around(np.zeros(0), NONE[:0], NONE[:0], scan_links(None, 0)))
 
 
+@pytest.mark.slow
 def test_a_step_that_most_a_scans_refuse_is_kept_in_none():
     survey = stood_on(STEP_SEED, radius_mm=22.0)
     scene = fired_again(survey, "hard", loss=1.5)

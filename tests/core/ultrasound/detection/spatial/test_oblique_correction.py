@@ -93,6 +93,7 @@ def corrected(slope, excitation, lean_deg=0.0, *, known=False):
     return error_mm(choice, depth), error_mm(again, depth)
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("slope", [0.14, 0.16])
 def test_a_leaning_table_is_a_cycle_off_before_and_right_afterwards(slope):
     before, after = corrected(slope, "chirp")
@@ -102,6 +103,7 @@ def test_a_leaning_table_is_a_cycle_off_before_and_right_afterwards(slope):
     assert np.abs(after.mean()) < 0.03
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("excitation", ["pulse", "chirp"])
 @pytest.mark.parametrize("slope", [0.0, 0.05, 0.1])
 def test_a_time_that_was_right_stays_right(slope, excitation):

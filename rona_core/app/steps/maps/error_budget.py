@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rona_core.app.declarations.figures import FIGURES
 from rona_core.mapping.accuracy.error_terms import CellSigma
 from rona_core.mapping.accuracy.map_accuracy import MapAccuracy
 from rona_core.mapping.accuracy.probe_place import OTHER_POSTURE
@@ -16,25 +17,23 @@ TIMING = "time of flight"
 class Group(NamedTuple):
     """Causes that are one line of a budget."""
 
-    title: str
     causes: tuple[str, ...]  # as `map_accuracy` names them
-    key: str = ""  # the figure of docs/metrics.md that is their truth; such a line is always there
+    key: str = ""  # the figure that is their truth; such a line is always there
     alike: tuple[str, ...] = ()  # causes of other lines of which this one has what is shared
+
+    @property
+    def title(self) -> str:
+        """Title of the figure that is their truth, else the cause itself."""
+        return FIGURES[self.key].title if self.key else self.causes[0].capitalize()
 
 
 OUTER = (
-    Group("Links of the robot", ("links of the robot",), "outer_by_links_mm"),
-    Group("Head motion", ("head motion",), "outer_by_head_mm"),
+    Group(("links of the robot",), "outer_by_links_mm"),
+    Group(("head motion",), "outer_by_head_mm"),
     # echoes cannot tell apart what they hold in common
-    Group(
-        "Probe: mounting, line, coupling",
-        ("mounting of the probe", "delay line", "coupling"),
-        "outer_by_probe_mm",
-        (TIMING,),
-    ),
+    Group(("mounting of the probe", "delay line", "coupling"), "outer_by_probe_mm", (TIMING,)),
     # nor an echo what it averages of rough bone
     Group(
-        "Each echo, between A-scans and within the beam",
         (
             TIMING,
             "repeatability of the robot",
@@ -46,20 +45,14 @@ OUTER = (
     ),
 )
 THICKNESS = (
+    Group(("speed of sound of the patient",), "thickness_by_speed_mm", (TIMING,)),
+    Group(("speed of sound at the place",), "thickness_by_place_mm"),
+    Group((TIMING,), "thickness_by_echo_mm"),
     Group(
-        "Speed of sound, all echoes alike",
-        ("speed of sound of the patient",),
-        "thickness_by_speed_mm",
-        (TIMING,),
-    ),
-    Group("Speed of sound, place", ("speed of sound at the place",), "thickness_by_place_mm"),
-    Group("Each echo: timing", (TIMING,), "thickness_by_echo_mm"),
-    Group(
-        "Between A-scans and within the beam",
         ("interpolation", "inner boundary not heard", "roughness within the beam"),
         "thickness_by_interpolation_mm",
     ),
-    Group("Further pass in another posture", (OTHER_POSTURE,)),
+    Group((OTHER_POSTURE,)),
 )
 
 
