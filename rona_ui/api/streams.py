@@ -17,10 +17,10 @@ class EventStream(StreamingResponse):
 
     media_type = "text/event-stream"
 
-    def __init__(self, events: AsyncIterator[bytes]) -> None:
-        """Send ``events`` as they come."""
+    def __init__(self, events: AsyncIterator[bytes], status_code: int = 200) -> None:
+        """Send ``events`` as they come; FastAPI reads the status from this signature."""
         headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-        super().__init__(_one_by_one(events), headers=headers)
+        super().__init__(_one_by_one(events), status_code, headers=headers)
 
 
 async def _one_by_one(events: AsyncIterator[bytes]) -> AsyncIterator[bytes]:
