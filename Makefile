@@ -142,7 +142,7 @@ check: $(VENV)/.dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright --pythonpath $(BIN)/python
-	$(BIN)/python -m pytest -q tests/test_architecture.py
+	$(BIN)/python -m pytest -q tests/test_architecture.py tests/test_prose.py
 
 bench: .venv-bench/.bench
 	$(ONE_THREAD) .venv-bench/bin/python -m benchmarks $(SUITE) $(if $(JSON),--json) $(if $(FULL),--full)

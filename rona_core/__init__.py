@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from rona_core.compose import new_session
     from rona_core.compose import open_session as open
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 __all__ = ["__version__", "new_session", "open"]
 
 _IN_COMPOSE = {"new_session": "new_session", "open": "open_session"}

@@ -56,9 +56,9 @@ def place_of(step: str | None, activity: str | None = None) -> str:
 def in_words(text: str) -> str:
     """Return a message with the labels of fields in place of the names of parameters."""
     names = parameter_labels()
-    told = re.sub(
+    replaced = re.sub(
         r"\b[a-z][a-z0-9]*(?:_[a-z0-9]+)+\b",
         lambda found: label_of(found[0]) if found[0] in names else found[0],
         text,
     )
-    return told if told == text else told[:1].upper() + told[1:]
+    return replaced if replaced == text else replaced[:1].upper() + replaced[1:]

@@ -288,7 +288,7 @@ def serve(
     open_window: OpenWindow,
     say: Callable[[str], None],
 ) -> None:
-    """Serve until somebody interrupts; ``say`` is told the address.
+    """Serve until interrupted; ``say`` receives the address.
 
     Raises:
         InvalidInputError: the port is taken or the host is not one of this machine.

@@ -27,16 +27,16 @@ class DockHelper {
   hint() {
     const left = this.hinted + HINTS_MS - performance.now(), inside = this.page.document;
     clearTimeout(this.later);
-    if (left > 0) { // a pointer that rests from now on is told too
+    if (left > 0) { // a pointer that rests from now on counts, too
       this.later = setTimeout(() => this.hint(), left);
       return;
     }
     this.hinted = performance.now();
-    for (const told of inside.querySelectorAll("[data-hint-for]")) {
-      const control = inside.getElementById(told.dataset.hintFor);
-      const label = inside.querySelector(`label[for="${CSS.escape(told.dataset.hintFor)}"]`);
+    for (const hint of inside.querySelectorAll("[data-hint-for]")) {
+      const control = inside.getElementById(hint.dataset.hintFor);
+      const label = inside.querySelector(`label[for="${CSS.escape(hint.dataset.hintFor)}"]`);
       for (const shown of [control?.matches("button") ? control : null, label]) {
-        if (shown && shown.title !== told.textContent) shown.title = told.textContent;
+        if (shown && shown.title !== hint.textContent) shown.title = hint.textContent;
       }
     }
     for (const row of inside.querySelectorAll(STEP_BUTTON)) { // a see-through button lies over it
@@ -81,7 +81,7 @@ class DockHelper {
     this.timer = setTimeout(() => this.open(), TRY_MS);
   }
 
-  // Somebody chooses a tab meanwhile.
+  // A tab may be chosen meanwhile.
   choose(event) {
     if (!event.target.closest?.("[data-dock-tab]")) return;
     clearTimeout(this.timer);

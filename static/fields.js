@@ -1,7 +1,7 @@
 "use strict";
 // Fields of the docks: what is typed counts once Enter is pressed or the field is left, as a whole.
-// The viewer tells the server of every key. Here the typing is kept from it; the finished text goes
-// to the server, which reads it and writes the field, or tells why not: see rona_ui/fields.py.
+// The viewer sends the server every key. Here the typing is kept from it; the finished text goes
+// to the server, which reads it and writes the field, or says why not: see rona_ui/fields.py.
 
 const TYPED = ".mantine-NumberInput-input, .mantine-TextInput-input";
 const CONTROLS = ".mantine-NumberInput-controls";
@@ -26,7 +26,7 @@ class FieldKeeper {
   begin(event) {
     const field = event.target;
     if (this.draft?.field === field || !field.matches?.(TYPED)) return;
-    if (!event.isTrusted) return; // nobody typed it
+    if (!event.isTrusted) return; // it was not typed
     const mail = this.page.document.querySelector("[data-typed]")?.dataset.typed;
     const box = this.labelled(field);
     if (!mail || !box || !this.page.__viserMutable?.sendMessage) return; // not one of the docks

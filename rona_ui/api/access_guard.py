@@ -116,7 +116,7 @@ class Guard:
         return self._unless_known(scope, headers)
 
     def _unless_known(self, scope: Scope, headers: Headers) -> Response | None:
-        """Return None for who has the token; whoever brings it in the address gets a cookie."""
+        """Return None for a request with the token; with it in the address it gets a cookie."""
         if scope["type"] == "http" and scope["method"] in SAFE:
             brought = QueryParams(scope["query_string"]).get("token")
             if brought is not None and self._is_token(brought):

@@ -34,7 +34,7 @@ class Exact:
 
 
 def _require_fitting(kind: Any, body: Any) -> Any:
-    """Return a body unless ``misfits`` finds something; then the first of that is told.
+    """Return a body unless ``misfits`` finds something; then its first entry is the refusal.
 
     A dataclass has been looked at already, in a thread (``BodyRoute``).
     """

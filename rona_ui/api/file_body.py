@@ -61,7 +61,7 @@ async def spooled(request: Request, folder: Path) -> AsyncGenerator[Path]:
             if not file.tell():
                 text = "expected the file as the body"
                 raise RequestValidationError([{"loc": ("body",), "msg": text, "type": "missing"}])
-            yield path  # while it is still locked: nobody takes it for one that was left behind
+            yield path  # while it is still locked, so that it is not taken for one left behind
     finally:
         path.unlink(missing_ok=True)
 

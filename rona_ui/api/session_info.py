@@ -9,7 +9,7 @@ from rona_core.app.runtime.session_registry import SessionRegistry
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.errors import NotFoundError
 
-TRIES = 3  # to find a session that nobody closes meanwhile
+TRIES = 3  # to find a session that is not closed meanwhile
 
 
 @dataclass(frozen=True, slots=True)

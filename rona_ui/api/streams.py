@@ -44,7 +44,7 @@ class Waker:
             self._loop.call_soon_threadsafe(self._event.set)
 
     async def wait(self, timeout_s: float = PERIOD_S) -> bool:
-        """Return True once somebody has called ``wake``, or False after the timeout."""
+        """Return True once ``wake`` was called, or False after the timeout."""
         try:
             await asyncio.wait_for(self._event.wait(), timeout_s)
         except TimeoutError:

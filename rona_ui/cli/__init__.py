@@ -36,7 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _complain(str(storage_error(error)), BAD_INPUT)
     except KeyboardInterrupt:
         return _complain("interrupted", INTERRUPTED)
-    except Exception as error:  # a defect: one line, unless somebody wants to see more
+    except Exception as error:  # a defect: one line, unless more is wanted
         if os.environ.get("RONA_DEBUG"):
             traceback.print_exc()
         text = f"{type(error).__name__}: {error} (a defect; RONA_DEBUG=1 shows where)"

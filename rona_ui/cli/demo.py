@@ -51,7 +51,7 @@ def run(wanted: Any) -> int:
         sys.stdout.write(json.dumps(figures, allow_nan=False) + "\n")
     else:
         _print_figures(figures, session)
-    sys.stdout.flush()  # the figures are told even if the file cannot be written
+    sys.stdout.flush()  # the figures are printed even if the file cannot be written
     if wanted.out is not None:
         save_session(session, wanted.out)
         if not wanted.json:
@@ -92,7 +92,7 @@ def _check(wanted: Any) -> None:
 
 @contextmanager
 def _bars() -> Generator[Callable[[str, float], None]]:
-    """Draw one bar for each step on stderr; yields what is told the share of a step."""
+    """Draw one bar for each step on stderr; yields a function that receives the share of a step."""
     tasks: dict[str, TaskID] = {}
     columns = (
         TextColumn("{task.description:<10}"),

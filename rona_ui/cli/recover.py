@@ -83,8 +83,8 @@ def _list(recovery: Recovery, folder: Path, *, as_json: bool) -> int:
 def _lines(lost: LostSession) -> list[str]:
     when = datetime.fromisoformat(lost.changed_utc).astimezone().strftime("%Y-%m-%d %H:%M")
     size = f"{lost.size_bytes / 1e6:.1f} MB"
-    told = [f"  {lost.key}  {_title(lost)}", f"    changed {when}, {size}, {_steps(lost)}"]
-    return told + ([f"    {lost.problem}"] if lost.problem else [])
+    lines = [f"  {lost.key}  {_title(lost)}", f"    changed {when}, {size}, {_steps(lost)}"]
+    return lines + ([f"    {lost.problem}"] if lost.problem else [])
 
 
 def _steps(lost: LostSession) -> str:

@@ -26,7 +26,7 @@ def _recoverable(folder: Path) -> str:
     try:
         count = len(Recovery(folder).keys())
     except OSError as error:
-        return f"Nobody can tell whether there is unsaved work: {error}\n"
+        return f"Cannot look for unsaved work: {error}\n"
     if not count:
         return ""
     what = "session was" if count == 1 else "sessions were"
@@ -39,7 +39,7 @@ def _recoverable(folder: Path) -> str:
 def _leave() -> NoReturn:
     """End the process now that everything is closed.
 
-    The interpreter would first wait for every thread that still answers somebody, stuck ones too.
+    The interpreter would first wait for every thread that still answers a request, stuck ones too.
     """
     sys.stdout.flush()
     sys.stderr.flush()
@@ -47,7 +47,7 @@ def _leave() -> NoReturn:
 
 
 def run(wanted: Any) -> NoReturn:
-    """Serve until somebody interrupts; the process ends with it."""
+    """Serve until interrupted; the process ends with it."""
     pace = wanted.pace or None
     if pace is not None and not 0.0 < pace <= 1000.0:
         raise InvalidInputError(f"--pace must be 0 to 1000, not {wanted.pace:g}")

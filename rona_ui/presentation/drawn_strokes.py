@@ -1,4 +1,4 @@
-"""Strokes that somebody draws on the skull by mouse: picks, and where the pointer is lifted."""
+"""Strokes drawn on the skull by mouse: picks, and where the pointer is lifted."""
 
 from dataclasses import replace
 

@@ -29,7 +29,7 @@ class Snapshot:
     steps: tuple[StepState, ...]
     live: LiveState
     job: JobStatus | None = None
-    left_s: float | None = None  # time that the job still takes; None while nobody knows
+    left_s: float | None = None  # time that the job still takes; None while unknown
     static_scene: StaticScene | None = None
     T_base_pointermarker: Pose | None = None
     frame: TrackerFrame | None = None  # what the tracker says of what is drawn now

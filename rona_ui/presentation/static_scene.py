@@ -26,7 +26,7 @@ class StaticScene:
     home_rad: Floats
     head_axes_base: Floats | None = None  # (3, 3) columns right, front, top; None if not known
     T_base_basemarker: Pose | None = None  # None where there is none
-    robot: str = ""  # model of the robot; "" where nobody said
+    robot: str = ""  # model of the robot; "" without one
     head: DrawnHead | None = None  # in base; None where the skull has a face of its own, or none
 
 

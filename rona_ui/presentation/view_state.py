@@ -99,7 +99,7 @@ NEEDED: dict[str, frozenset[str]] = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Preview:
-    """A bound that somebody is dragging; it ends when there is another smoothed path."""
+    """A bound that is being dragged; it ends when there is another smoothed path."""
 
     tolerance_mm: float
     smoothing: Any  # the result that was there when it began
@@ -125,7 +125,7 @@ class ViewState:
     """How one browser looks at the session; never saved, never undone."""
 
     step: str = "setup"
-    open_tabs: frozenset[str] = frozenset()  # of the docks, as far as the page has told
+    open_tabs: frozenset[str] = frozenset()  # of the docks, as far as the page has reported
     skipped: frozenset[str] = frozenset()  # offered stages of the procedure that are passed over
     all_layers: bool = False  # show also what the step does not need
     hidden: frozenset[str] = frozenset(
@@ -163,11 +163,11 @@ class ViewState:
     pairs: Pairs = ()  # that a reference is laid by
     bone_threshold: float = 300.0  # from which a value of a reference CT is bone
     compared_pairs: Pairs = ()  # those that the comparison had
-    pair_place: Point | None = None  # in base, where somebody pointed for the next pair
+    pair_place: Point | None = None  # in base, the place pointed at for the next pair
     volume: VolumeView | None = None  # None: nothing is drawn of it
     second: bool = False  # replay, A-scans and image are those of the second pass
     dragged_boundary: tuple[int, float] | None = (
-        None  # A-scan and time (µs) that somebody holds a boundary at
+        None  # A-scan and time (µs) at which a boundary is being dragged
     )
 
     @property

@@ -51,7 +51,7 @@ class Crossings:
 def cut_key(snapshot: Snapshot) -> tuple[str, float] | None:
     """Return what the plane depends on besides the backdrop; None while nothing is cut.
 
-    While somebody draws on the skull it is whole, so that every place can be pointed at.
+    While it is drawn on, the skull is whole, so that every place can be pointed at.
     """
     view = snapshot.view
     if view.cut_direction == "off" or view.drawing is not None or snapshot.static_scene is None:

@@ -210,7 +210,7 @@ def ring_base(snapshot: Snapshot) -> Floats:
 
 
 def _made(snapshot: Snapshot) -> tuple[object, ...]:
-    """Return what tells one drawing of the cells from another."""
+    """Return the key of a drawing of the cells."""
     results = snapshot.session.results
     stale = snapshot.step("implant").state == "stale"
     return id(results.get("bed")), id(results.maps), id(snapshot.static_scene), stale

@@ -36,7 +36,7 @@ TITLES = {
 
 
 class Event(Protocol):
-    """What a widget tells: ``client`` is None where we wrote the value ourselves."""
+    """Event of a widget: ``client`` is None where the program wrote the value."""
 
     @property
     def client(self) -> Any: ...  # noqa: D102
@@ -64,7 +64,7 @@ class Bindings:
         hub: SessionRegistry,
         on_refusal: Callable[[Any, str, str], None] = lambda client, title, body: None,
     ) -> None:
-        """Start the queue; ``on_refusal(client, title, body)`` is told what was refused."""
+        """Start the queue; ``on_refusal(client, title, body)`` receives refusals."""
         self._hub = hub
         self._on_refusal = on_refusal
         self._ready = threading.Condition()
@@ -79,7 +79,7 @@ class Bindings:
     def send(self, make: Callable[[], Any], event: Event) -> None:
         """Send the command or activity that ``make()`` returns, unless we wrote the value.
 
-        ``make`` runs in the queue too, so that a value out of range is told like any refusal.
+        ``make`` runs in the queue too, so that a value out of range is reported like any refusal.
         """
         if event.client is not None:
             self._put(lambda: self._deliver(make()), event.client)
@@ -159,7 +159,7 @@ class Bindings:
     def _run_guarded(self, work: Callable[[], Any], client: Any) -> None:
         try:
             work()
-        except Exception as error:  # told in the browser; the queue goes on
+        except Exception as error:  # reported in the browser; the queue goes on
             self._on_refusal(client, *report_error(client, error))
 
     def close(self) -> None:

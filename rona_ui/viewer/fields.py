@@ -1,6 +1,6 @@
 """Fields of one browser: what is typed counts once Enter is pressed or the field is left.
 
-viser tells of every key. The page keeps what is being typed to itself (``static/fields.js``) and
+viser reports every key. The page keeps what is being typed to itself (``static/fields.js``) and
 sends the text as it stands when it is finished. It is read here, held against the limits of its
 field and written into it, or refused; then the field shows what it held before, and why stands
 below it. Beside each control its hint is kept for the page, which shows it where viser does not: on
@@ -19,16 +19,16 @@ from rona_ui.viewer.gateway import uuid_of
 from rona_ui.viewer.hints import HINTS
 
 DECIMALS = 6  # that a number field shows; viser takes those of its step
-MOST_CHARS = 40  # of a refused text that are told
+MOST_CHARS = 40  # of a refused text that are shown
 TYPED = ("add_text", "add_number", "add_vector3", "add_slider")  # fields that text is typed into
 OTHERS = ("add_button", "add_upload_button", "add_button_group", "add_checkbox", "add_dropdown")
 _UNIT = re.compile(r"\(([^()]+)\)$")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.ASCII | re.IGNORECASE)
-_THOUSANDS = re.compile(r"[+-]?\d{1,3}(,\d{3})+")  # or a decimal comma: nobody can know
+_THOUSANDS = re.compile(r"[+-]?\d{1,3}(,\d{3})+")  # or a decimal comma: ambiguous
 
 
 def read_number(text: str) -> float:
-    """Return what somebody typed as a number; a comma may stand for the point.
+    """Return a typed text as a number; a comma may stand for the point.
 
     Raises:
         InvalidInputError: it is none, or 1,000 that may be one or a thousand.
@@ -43,7 +43,7 @@ def read_number(text: str) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Typed:
-    """What a panel is told when somebody has finished typing, in place of viser's event."""
+    """Event of a finished field, in place of viser's event."""
 
     client: Any
     target: Any
@@ -144,14 +144,14 @@ def full_hint(hint: str | None, label: str, low: Any = None, high: Any = None) -
 
 def _beside(uuid: str, hint: str | None, words: str = "") -> str:
     """Return what stands below a control: its hint, which the page shows on hover, and words."""
-    told = "" if not hint else f'<i hidden data-hint-for="{escape(uuid)}">{escape(hint)}</i>'
-    return told + (f'<div class="r-wrong" role="note">{escape(words)}</div>' if words else "")
+    hidden = "" if not hint else f'<i hidden data-hint-for="{escape(uuid)}">{escape(hint)}</i>'
+    return hidden + (f'<div class="r-wrong" role="note">{escape(words)}</div>' if words else "")
 
 
 class Fields:
     """The gui of one browser; its fields for texts and numbers wait until the typing is finished.
 
-    ``refuse(error, event)`` tells what could not be taken.
+    ``refuse(error, event)`` reports what could not be taken.
     """
 
     def __init__(self, gui: Any, refuse: Callable[[Exception, Event], None]) -> None:

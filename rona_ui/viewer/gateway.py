@@ -258,7 +258,7 @@ def _refuse_sharing(*_: Any, **__: Any) -> None:
 
 @contextlib.contextmanager
 def _quiet() -> Generator[None]:
-    """Swallow viser's banner, which prints an address that nobody can use."""
+    """Swallow viser's banner, which prints an address that cannot be used."""
     genuine = rich.print
     rich.print = functools.partial(genuine, file=io.StringIO())
     try:

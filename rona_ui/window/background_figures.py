@@ -72,7 +72,7 @@ class BackgroundFigures:
                 try:
                     self._work(*wish)
                 except RonaError:
-                    pass  # a set-up that cannot be built is told by whoever starts a step
+                    pass  # a set-up that cannot be built is reported when a step is started
                 except Exception:  # a defect must not end the thread
                     traceback.print_exc(file=sys.stderr)
                 self._rest(wish)

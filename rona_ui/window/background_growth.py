@@ -54,7 +54,7 @@ class BackgroundGrowth:
             try:
                 self._grow(*wish)
             except RonaError:
-                pass  # a path along a line has no map: whoever maps it is told
+                pass  # a path along a line has no map: reported when it is mapped
             except Exception:  # a defect must not end the thread
                 traceback.print_exc(file=sys.stderr)
             del wish

@@ -60,7 +60,7 @@ class Browser:
         self._hub, self._bindings, self._wake = hub, bindings, wake
         self._lock = threading.Lock()
         self._view = ViewState()
-        self._opened: ViewState | None = self._view  # what nobody has changed yet
+        self._opened: ViewState | None = self._view  # as long as it is unchanged
         self._kept, self._page, self._session_id = kept, "", ""  # names, once they are known
         self._drawn: Snapshot | None = None
         self._in_scene: Snapshot | None = None
@@ -108,7 +108,7 @@ class Browser:
             return self._view
 
     def _resume(self, page: str) -> None:
-        """Go on as a page was left, unless somebody has clicked here since it opened."""
+        """Go on as a page was left, unless there was a click here since it opened."""
         with self._lock:
             self._page = page
             kept = self._kept.of(page, self._session_id)
@@ -159,7 +159,7 @@ class Browser:
     # -------------------------------------------------------------- drawing on the skull
 
     def _listen(self, new: Snapshot) -> None:
-        """Listen to the mouse on the skull while somebody draws on it, and only then."""
+        """Listen to the mouse on the skull while it is drawn on, and only then."""
         skull, wanted = self._scene.skull(), new.view.drawing is not None
         if skull is None or wanted == self._listening:
             return

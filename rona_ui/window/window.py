@@ -55,7 +55,7 @@ class Window:
         self._followed: str | None = None  # id of the session
         self._subscriptions = contextlib.ExitStack()  # to it
         self._steps: tuple[Session, tuple[StepState, ...]] | None = None
-        self._reported: set[str] = set()  # failed jobs that were told
+        self._reported: set[str] = set()  # failed jobs that were reported
         self._last_s = time.monotonic()
         self.bindings = Bindings(hub, self._refuse)
         self._background = BackgroundFigures(self.wake)
@@ -98,12 +98,12 @@ class Window:
         browser = Browser(client, self._hub, self.bindings, self.wake, self._kept)
         with self._lock:
             self._browsers[client.client_id] = browser
-        if not self._is_here(client):  # it left meanwhile, and was told to before it was stored
+        if not self._is_here(client):  # it left meanwhile, before it was stored
             self._leave(client)
         self.wake()
 
     def _is_here(self, client: viser.ClientHandle) -> bool:
-        """Return whether a browser is connected; viser forgets it before it tells ``_leave``."""
+        """Return whether a browser is connected; viser forgets it before it calls ``_leave``."""
         return client.client_id in self._server.get_clients()
 
     def _leave(self, client: viser.ClientHandle) -> None:

@@ -45,9 +45,9 @@ export async function send(method, path, body) {
     keepalive: !raw,
   });
   if (answer.ok) return answer;
-  let told = {};
-  try { told = await answer.json(); } catch { /* no JSON: keep the number */ }
-  throw new Refused(told.detail || `the server answered ${answer.status}`, told.code);
+  let problem = {};
+  try { problem = await answer.json(); } catch { /* no JSON: keep the number */ }
+  throw new Refused(problem.detail || `the server answered ${answer.status}`, problem.code);
 }
 
 export async function ask(path) {

@@ -8,8 +8,8 @@ export const link = { view: null, fields: null }; // the view of this browser; w
 const SETTLE_MS = 40;
 const KEY = "ronaPage";
 const NAME = stored((items) => items.getItem(KEY)) ?? Math.random().toString(36).slice(2);
-let heard = null; // the document whose keys reach us
-let told = ""; // the state that was read last
+let listened = null; // the document whose keys reach us
+let lastState = ""; // the state that was read last
 let asked = 0;
 let linked = null; // uuid of the field that our name was sent to
 const listeners = []; // of keys and presses, here and in the frame
@@ -27,11 +27,11 @@ export const inside = () => viewer.contentDocument;
 export function listen(kind, act) {
   listeners.push([kind, act]);
   window.addEventListener(kind, act, true);
-  if (heard) viewer.contentWindow.addEventListener(kind, act, true);
+  if (listened) viewer.contentWindow.addEventListener(kind, act, true);
 }
 
 // Ask the viewer's end for something, in the order of what its fields send; return whether
-// there is somebody to ask.
+// there is a document to ask.
 export function act(what, value = null) {
   const end = inside()?.querySelector("[data-page]");
   const page = viewer.contentWindow;
@@ -53,9 +53,9 @@ function read() {
     linked = end.dataset.page;
     tell("linked");
   }
-  if (end && end.dataset.state !== told) {
-    told = end.dataset.state;
-    link.view = JSON.parse(told);
+  if (end && end.dataset.state !== lastState) {
+    lastState = end.dataset.state;
+    link.view = JSON.parse(lastState);
     tell("view", link.view);
   }
   tell("drawn", inside()); // something in the docks has changed
@@ -64,15 +64,15 @@ function read() {
 function enter() {
   // Same origin: a key pressed in the viewer, in an input field too, reaches us first.
   const page = inside();
-  if (!page?.body || page === heard || page.URL === "about:blank") return;
-  heard = page;
-  told = "";
+  if (!page?.body || page === listened || page.URL === "about:blank") return;
+  listened = page;
+  lastState = "";
   link.view = null;
   for (const [kind, call] of listeners) viewer.contentWindow.addEventListener(kind, call, true);
   link.fields = new FieldKeeper(viewer.contentWindow); // static/fields.js
   let waits = 0;
   const changed = () => {
-    waits ||= setTimeout(() => { waits = 0; if (page === heard) read(); }, SETTLE_MS);
+    waits ||= setTimeout(() => { waits = 0; if (page === listened) read(); }, SETTLE_MS);
   };
   new viewer.contentWindow.MutationObserver(changed).observe(page.body, {
     subtree: true, childList: true, attributes: true, attributeFilter: ["data-state", "disabled", "style", "class"],

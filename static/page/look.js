@@ -51,7 +51,7 @@ function uncover() {
   const there = link.view?.ready && drawn && "/skull" in drawn;
   if (!dressed || (!there && performance.now() - since < PATIENCE_MS)) return;
   dress();
-  held?.remove(); // the docks are there and say the same, unless somebody has folded one
+  held?.remove(); // the docks are there and say the same, unless one was folded
   const frame = viewer.contentWindow.requestAnimationFrame.bind(viewer.contentWindow);
   frame(() => frame(() => { $("splash").hidden = true; })); // the picture is on the screen
 }

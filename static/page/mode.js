@@ -1,4 +1,4 @@
-// What a click on the skull does now: told over the scene, by the cursor and by the button pressed;
+// What a click on the skull does now: shown over the scene, by the cursor and by the button pressed;
 // and the arrow keys, where they move something.
 
 import { $, follow } from "./base.js";

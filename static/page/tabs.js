@@ -3,14 +3,14 @@
 import { follow } from "./base.js";
 import { act } from "./link.js";
 
-let told = "";
+let sent = "";
 
-follow("linked", () => { told = ""; });
+follow("linked", () => { sent = ""; });
 follow("drawn", (page) => {
-  if (!page?.querySelector("[data-page]")) return; // nobody listens yet
+  if (!page?.querySelector("[data-page]")) return; // not ready yet
   const tabs = [...page.querySelectorAll("[data-dock-strip] [data-dock-tab][aria-selected=true]")];
   const open = tabs.map((tab) => tab.textContent.trim()).filter((name) => name !== "Replay").sort();
-  if (!open.length || open.join() === told) return;
-  told = open.join();
+  if (!open.length || open.join() === sent) return;
+  sent = open.join();
   act("tabs", open);
 });

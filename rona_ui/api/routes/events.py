@@ -96,7 +96,7 @@ def state_of(hub: SessionRegistry) -> dict[str, Any]:
 def _count_lost(hub: SessionRegistry) -> int:
     try:
         return len(hub.lost_keys())
-    except OSError:  # `GET /recoverable` tells why nobody can look; the state goes on
+    except OSError:  # `GET /recoverable` says why; the state goes on
         return 0
 
 

@@ -39,7 +39,7 @@ class JobInfo:
     error: str | None
     revision: int | None  # of the session, once the outcome is stored
     result: Replay | ComparisonInfo | None  # what `StartReplay` or `StartComparison` found
-    time_left_s: float | None  # an estimate; null while nobody knows
+    time_left_s: float | None  # an estimate; null while unknown
 
 
 def job_info(bench: Workbench, status: JobStatus) -> JobInfo:

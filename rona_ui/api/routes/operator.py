@@ -36,7 +36,7 @@ class InHand:
 
 @router.get("/pointer")
 def get_pointer(bench: Bench) -> InHand:
-    """Return whether a capture by hand waits to be told how to turn the pointer."""
+    """Return whether a capture by hand waits for turns of the pointer."""
     return InHand(bench.pointer_in_hand())
 
 
@@ -44,7 +44,7 @@ def get_pointer(bench: Bench) -> InHand:
 def put_pointer(bench: Bench, turn: Annotated[PointerTurn, EXACT, Body()]) -> PointerTurn:
     """Turn the pointer while the job `StartPointerCapture` with `by_hand` runs; live, else 409.
 
-    The hand follows smoothly at a bounded speed; the last rotation told counts.
+    The hand follows smoothly at a bounded speed; the last rotation counts.
     """
     bench.turn_pointer(turn.wxyz)
     return turn

@@ -89,7 +89,7 @@ def get_results(bench: Bench, step: str, max_points: MaxPoints = None) -> FastJs
     address. `value` is null while there is nothing. How sure the maps are stands in
     `accuracy` (of the scan by hand: `sono_accuracy`): standard deviations over their grid.
     `reference_gain` proposes places for a caliper and says what they gain; `verification` of the
-    scan tells whether tracker, pointer and robot agree on the landmarks. `acoustics`, beside the
+    scan says whether tracker, pointer and robot agree on the landmarks. `acoustics`, beside the
     steps of the procedure, has the delay line, the speed of sound and what other probes would do.
     `version` is that of the program that made a result. `painted` has the regions painted for the
     path, `path_edits` and `boundary_edits` what was changed by hand.

@@ -83,7 +83,7 @@ def put_robot_settings(bench: Bench, settings: Annotated[SetRobot, EXACT, Body()
 def list_robot_figures(bench: Bench) -> list[RobotFigure]:
     """Return every figure of the robot that is chosen: value, unit, trust and where it is from.
 
-    Trust `assumed` means that nobody states the figure.
+    Trust `assumed` means that no source states the figure.
     """
     return list(robot_figures(bench.session.setup.devices.robot.model))
 

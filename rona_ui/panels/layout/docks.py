@@ -82,7 +82,7 @@ LEFT_PX, RIGHT_PX, REPLAY_PX = 340, 380, 430
 
 
 class TabsOfStep:
-    """Tells the page which tabs go with the active step; it opens them (``static/docks.js``)."""
+    """Sends the page the tabs that go with the active step; it opens them (``static/docks.js``)."""
 
     def __init__(self, gui: Any) -> None:
         self._html = gui.add_html("")

@@ -46,7 +46,7 @@ SHOWN = (
 
 
 class PageLink:
-    """Tells the page how this browser looks at the session, and does what its tool bar asks for."""
+    """Sends the page the view of this browser, and carries out the actions of its tool bar."""
 
     def __init__(
         self, gui: Any, context: PanelContext, buttons: Mapping[str, Any], tabs: Iterable[str]
@@ -101,15 +101,15 @@ class PageLink:
         self._change_view(lambda view: replace(view, **fields))
 
     def _change_view(self, change: Callable[[ViewState], ViewState]) -> None:
-        """Change the view; the skull is whole while somebody draws on it."""
+        """Change the view; the skull is whole while it is drawn on."""
         self._context.change_view(lambda v: v if v.drawing is not None else change(v))
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Write the state of the view for the page."""
         if not changed(old, new, *SHOWN):
             return
-        told = escape(json.dumps(self._state(new), separators=(",", ":")))
-        self._html.content = f'<i hidden data-page="{self._field}" data-state="{told}"></i>'
+        state = escape(json.dumps(self._state(new), separators=(",", ":")))
+        self._html.content = f'<i hidden data-page="{self._field}" data-state="{state}"></i>'
 
     def _state(self, new: Snapshot) -> dict[str, Any]:
         view, scene = new.view, new.static_scene
@@ -145,7 +145,7 @@ class PageLink:
 
 CUTS: tuple[str, ...] = get_args(CutDirection)
 THEMES = ("light", "dark")
-# What a key asks for: it counts from the view as it is here, and not as the page last heard of it.
+# What a key asks for: it counts from the view as it is here, not from the page's last copy of it.
 FLIPS: Mapping[str, Callable[[ViewState], ViewState]] = {
     "all_layers": lambda v: replace(v, all_layers=not v.all_layers),
     "cut": lambda v: replace(
@@ -155,7 +155,7 @@ FLIPS: Mapping[str, Callable[[ViewState], ViewState]] = {
 
 
 def _cameras(scene: Any) -> tuple[str, ...]:
-    """Return the presets that can be chosen; all of them where no scene is told."""
+    """Return the presets that can be chosen; all of them without a scene."""
     if scene is None:
         return (*ROOM, *HEAD, *TABLE)
     return (*ROOM, *(TABLE if scene.head_axes_base is None else HEAD))
@@ -186,4 +186,4 @@ def _offset_mm(value: Any) -> float:
 
 
 def _refuse(why: str) -> NoReturn:
-    raise InvalidInputError(f"the page asked for what nobody knows: load it again ({why})")
+    raise InvalidInputError(f"unknown request of the page: load it again ({why})")

@@ -1,4 +1,4 @@
-"""Comparison: the robot's maps beside the true bone, or beside a reference of somebody else."""
+"""Comparison: the robot's maps beside the true bone, or a reference measured by other means."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -90,7 +90,7 @@ class PairsFolder:
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
         self._context = context
-        self._taken: Point | None = None  # where somebody pointed, as far as it was followed
+        self._taken: Point | None = None  # the place that was pointed at, as far as it was followed
         self._folder = gui.add_folder("Pairs of points", visible=False)
         with self._folder:
             self._there = gui.add_vector3("In the file (mm)", (0.0, 0.0, 0.0), step=0.1)
@@ -120,7 +120,7 @@ class PairsFolder:
         )
 
     def render(self, new: Snapshot) -> None:
-        """Follow the pairs, where somebody pointed, and what a comparison made of them."""
+        """Follow the pairs, the place pointed at, and the result of the comparison."""
         view = new.view
         if view.pair_place is not None and view.pair_place is not self._taken:
             self._here.value = view.pair_place

@@ -212,7 +212,7 @@ class MarginControls:
             self._choice.value = next(w for w, q in QUANTITIES.items() if q == new.view.margin)
         view = ("view.shown_roll", "view.margin", "view.step")
         if changed(old, new, "session.results", "session.setup", *view):
-            # in other steps nobody looks at it: it is not worth the time
+            # in other steps it is not looked at: not worth the time
             found = None
             if new.view.step in ("roll", "scan"):
                 found = path_margins(new.session, new.view.shown_roll)

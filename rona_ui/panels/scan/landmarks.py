@@ -56,10 +56,10 @@ WORDS = {
 
 def landmark_note(report: LandmarkReport) -> str:
     """Return the verification as HTML: the verdict, and distance and expectation of each."""
-    told = "" if report.state in ("missing", "stale") else f" {report.sentence}"
+    sentence = "" if report.state in ("missing", "stale") else f" {report.sentence}"
     passed_weakly = report.state == "passed" and report.contradicted
     box = "warn" if passed_weakly else BOX[report.state]
-    words = style.note(WORDS[report.state] + told, box)
+    words = style.note(WORDS[report.state] + sentence, box)
     if report.state == "missing" or not report.rows:
         return words
     rows = [

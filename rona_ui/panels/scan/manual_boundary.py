@@ -100,7 +100,7 @@ class ManualBoundaryControls:
         self._follow(new.view.dragged_boundary)
 
     def _follow(self, hand: tuple[int, float] | None) -> None:
-        """Put the slider where the boundary is, unless somebody holds it."""
+        """Put the slider where the boundary is, unless it is being dragged."""
         plot = self._plot
         if plot is None or (hand is not None and hand[0] == plot.number):
             return

@@ -77,7 +77,7 @@ class MountingFields:
     def __init__(self, gui: Any, context: PanelContext) -> None:
         gui.add_html(
             style.text(
-                "A steel gauge plate at the holder tells where the face of the probe is and how "
+                "A steel gauge plate at the holder measures where the face of the probe is and how "
                 "fast its warm line is: before a scan, with the line as warm as in the scan. "
                 "Without it the outer map is off by as much as the probe is."
             )
@@ -102,7 +102,7 @@ class MountingFields:
 
 
 def growing_bar(growing: GrowingMap | None) -> str:
-    """Return the colour bar of the map that grows, and what it is made of, as HTML."""
+    """Return the colour bar of the map that grows, and its components, as HTML."""
     if growing is None:
         return ""
     low, high = growing.low_mm, growing.high_mm

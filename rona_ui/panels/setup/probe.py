@@ -54,7 +54,7 @@ class ProbeFields:
         self._table = self._gui.add_html("")
 
     def build_details(self) -> None:
-        """Add what a probe is made of, for whoever has another one."""
+        """Add the parameters of a probe, for other probes."""
         form = self._form
         form.add(*EDITABLE, "line_temperature_c")
         self._restore = self._context.send_button(

@@ -174,7 +174,7 @@ class SetupPanel(StepPanel):
 
 
 def figures_table(model: str) -> str:
-    """Return the table as HTML; what nobody states comes first and says so."""
+    """Return the table as HTML; what has no source comes first and says so."""
     try:
         rows = robot_figures(model)
     except RonaError as error:

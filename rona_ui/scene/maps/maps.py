@@ -79,7 +79,7 @@ class MapLayer(OfMaps):
 
 
 def _map_key(snapshot: Snapshot) -> tuple[object, ...]:
-    """Return what tells one drawing of a map from another."""
+    """Return the key of a drawing of a map."""
     cut = cut_key(snapshot) if snapshot.view.cut_maps else None
     return shown_maps_key(snapshot), snapshot.view.quantity, id(map_errors(snapshot)), cut
 
@@ -132,7 +132,7 @@ def scan_places(snapshot: Snapshot) -> Floats:
 
 
 def _scan_key(snapshot: Snapshot) -> tuple[object, ...]:
-    """Return what tells one drawing of the points from another."""
+    """Return the key of a drawing of the points."""
     session, results, scan = snapshot.session, snapshot.session.results, snapshot.scan
     of_hand = (id(results.tool), id(results.sono)) if scan == "hand" else ()
     found = results.get(DETECTIONS[scan])

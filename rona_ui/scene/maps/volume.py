@@ -79,7 +79,7 @@ class VolumeLayer(Layer):
         if found is None:
             return
         depths = found.depths_mm[found.faces].mean(axis=1)
-        # the lower side of the front echo tells nothing, and would hide what is below it
+        # the lower side of the front echo is no evidence, and would hide what is below it
         for node, which, color, opacity in (
             (OUTER, depths <= 0.0, SKY, SEE_THROUGH),
             (INNER, depths > blind_mm, ORANGE, None),

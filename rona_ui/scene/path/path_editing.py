@@ -38,7 +38,7 @@ MARKS = ("view.drawing", "view.moved_point", "view.move_target", "view.center", 
 def point_at(
     session: Session, view: ViewState, eye_base: Vector3, ray: Vector3, phase: str
 ) -> tuple[ViewState, Any | None]:
-    """Return the view after somebody pointed at the skull, and the command to send, or None.
+    """Return the view after a click on the skull, and the command to send, or None.
 
     Args:
         session: As it is now.
@@ -84,7 +84,7 @@ def _paint(
     begun = view.stroke if phase in ("update", "end") else ()
     try:
         stroke = extended(begun, _point(sight(session, eye_base, ray)))
-    except RonaError:  # beside the surface: told only if nothing else was painted
+    except RonaError:  # beside the surface: reported only if nothing else was painted
         if phase == "click" or (phase == "end" and not begun):
             raise
         stroke = begun
@@ -106,7 +106,7 @@ def _move(
     if phase == "update":
         try:
             return replace(view, move_target=_point(sight(session, eye_base, ray))), None
-        except RonaError:  # beside the surface: told only if it is let go there
+        except RonaError:  # beside the surface: reported only if it is let go there
             return replace(view, move_target=None), None
     let_go = replace(view, moved_point=None, move_target=None, held_path=None)
     try:

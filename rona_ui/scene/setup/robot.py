@@ -131,7 +131,7 @@ class ObstaclesLayer(Layer):
         hit = {p.second for p in shown_clearances(new) if p.too_close}
         added = {box.name for box in new.session.setup.surroundings.boxes}
         if not wanted and not hit and not self._drawn and not added:
-            return  # nobody has asked for it yet
+            return  # not requested yet
         session = new.session
         of = (session.results, session.setup, session.captures)
         if len(self._of) != len(of) or any(a is not b for a, b in zip(self._of, of, strict=True)):

@@ -1,4 +1,4 @@
-// Keys of the commands; they rest while somebody types, and while something lies over the page.
+// Keys of the commands; they rest during typing, and while something lies over the page.
 
 import { all, enabled, run } from "./commands.js";
 import { inside, listen } from "../link.js";

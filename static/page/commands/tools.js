@@ -62,13 +62,13 @@ const cut = new Menu($("cut"), (list) => {
   }
   if (off) list.append(element("p", "The skull is whole while you draw on it."));
   if (off || view.cut === "off") return;
-  const reach = view.cut_reach, at = document.createElement("input"), told = element("output", offset(view.cut_offset));
+  const reach = view.cut_reach, at = document.createElement("input"), output = element("output", offset(view.cut_offset));
   Object.assign(at, { type: "range", min: -reach, max: reach, step: 0.5, value: view.cut_offset });
   at.setAttribute("aria-label", "Cut offset from the centre of the region (mm)");
   at.dataset.key = "offset";
-  at.addEventListener("input", () => { told.textContent = offset(Number(at.value)); act("cut_offset", Number(at.value)); });
+  at.addEventListener("input", () => { output.textContent = offset(Number(at.value)); act("cut_offset", Number(at.value)); });
   const row = element("div", "", "slide");
-  row.append(element("span", "Offset"), at, told);
+  row.append(element("span", "Offset"), at, output);
   list.append(row);
   tick(list, "Cut the maps too", view.cut_maps, (on) => act("cut_maps", on));
   const legend = element("p", "", "legend");

@@ -20,8 +20,8 @@ const CAPTIONS = {
   StartMapping: "Echoes become maps of the outer and the inner boundary, fused with the pointer's points, each with its error.",
   StartGapPlan: "Where a slanted inner table sent no echo back, the map has gaps. Rows with a leaning probe are planned over them.",
   StartGapScan: "The robot scans the gaps again.",
-  StartCaliperMeasurements: "A caliper at a few places tells how fast sound runs in this bone.",
-  StartBurrCapture: "The robot holds the spindle now and turns it about a pin whose point rests in a fixed seat. What the arm gives way by tells where the tip of the burr really is.",
+  StartCaliperMeasurements: "A caliper at a few places measures how fast sound runs in this bone.",
+  StartBurrCapture: "The robot holds the spindle now and turns it about a pin whose point rests in a fixed seat. The deflection of the arm shows where the tip of the burr really is.",
   StartBedSearch: "Where does an implant leave enough bone below it, and how surely? Every place and turn is tried against the maps as they may be.",
   PlanMilling: "The bed is milled in layers along concentric rings. The roll about the burr, the timing and the collisions are found as for the scan; without a certificate nothing moves.",
   RehearseMilling: "The milling is rehearsed in the true virtual bone. The floor is scanned before the last layers, the depth is put right, and the force stops the burr should it break through.",
@@ -44,7 +44,7 @@ function close() {
   return was;
 }
 
-// Wait until somebody can have read the caption, and for as long as it is paused.
+// Wait long enough to read the caption, and for as long as it is paused.
 async function read(mine) {
   for (let waited = 0; still(mine) && (mine.paused || waited < READ_MS); await sleep(LOOK_MS)) {
     if (!mine.paused) waited += LOOK_MS;
@@ -116,7 +116,7 @@ async function begin() {
   await leaveFor("start the guided demo", async () => {
     session = (await (await send("POST", "/sessions", { name: NAME })).json()).id;
   });
-  if (!session) return; // somebody stayed
+  if (!session) return; // a session stayed open
   tour = { session, paused: false };
   $("guidepause").hidden = false;
   $("guidepause").textContent = "Pause";

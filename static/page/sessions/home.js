@@ -68,7 +68,7 @@ async function devices() {
     words = "The devices of the open session could not be built: see step 1.";
   }
   $("homedevices").textContent = words;
-  $("homedevicelist").replaceChildren(...rows.flatMap(([name, told]) => [element("dt", name), element("dd", told)]));
+  $("homedevicelist").replaceChildren(...rows.flatMap(([name, value]) => [element("dt", name), element("dd", value)]));
 }
 
 for (const [id, act] of [["homenew", openNew], ["homedemo", openDemo]]) $(id).addEventListener("click", () => trying(act));

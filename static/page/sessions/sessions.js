@@ -225,7 +225,7 @@ follow("status", async (state) => {
   const now = JSON.stringify(state.sessions.map(({ id, name, changes, file, saved }) => [id, name, changes, file, saved]));
   if (now === listed) return;
   listed = now;
-  try { files = (await ask("/files")).files; } catch { files = []; } // the start page tells why
+  try { files = (await ask("/files")).files; } catch { files = []; } // the start page says why
   menu.refill();
 });
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from rona_core.app.dependencies.staleness import input_digests, session_obstacles, stale_reason
+from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.runtime.handling import handle
 from rona_core.app.runtime.workbench import Workbench
@@ -83,42 +83,7 @@ def test_the_first_step_that_is_stale_may_be_done_again(bench):
     assert stale_reason("tool", bench.session) is None
 
 
-def old_form(session):
-    """Return the session with digests of inputs as older files have them."""
-    robot, probe = session.setup.devices.robot, session.setup.devices.probe
-    names = ("model", "errors", "scan_speed_mm_per_s", "base_shift_mm", "base_turn_deg")
-    arm = {"$type": "RobotSettings", **{name: getattr(robot, name) for name in names}}
-    # nobody had a gauge plate
-    session = session.with_result("mounting", None)
-    results = session.results
-    second = ("second", "second_detection")
-    for name in ("tool", "surface", "path", "roll", "detection", *second, "maps"):
-        held = results.get(name)
-        inputs = {key: value for key, value in held.inputs.items() if key != "scan speed"}
-        if "robot" in inputs:
-            inputs["robot"] = digest(arm)
-        if "probe" in inputs:
-            inputs["probe"] = digest(probe)
-        if "mounting" in inputs:
-            inputs["mounting"] = input_digests(name, session)["mounting"]
-        if "obstacles" in inputs:
-            inputs["obstacles"] = digest(session_obstacles(session))
-        results = replace(results, **{name: replace(held, inputs=inputs)})
-    return replace(session, results=results)
-
-
-def test_an_older_file_is_as_fresh_as_it_was_and_ages_by_the_new_rule(demo):
-    old = old_form(demo)
-    assert old.results.tool.inputs != demo.results.tool.inputs
-    loaded = session_from_bytes(session_bytes(old))
-    assert {state.state for state in step_states(loaded)} == {"done"}
-    faster = handle(SetRobot(scan_speed_mm_per_s=30.0), loaded)
-    found = {state.name: state.state for state in step_states(faster)}
-    stale = [name for name, state in found.items() if state == "stale"]
-    assert stale == ["roll", "scan", "maps", "implant"]
-
-
-def test_an_older_file_that_was_stale_stays_so(demo):
+def test_a_file_that_was_stale_stays_so(demo):
     results = replace(
         demo.results,
         tool=replace(demo.results.tool, inputs={**demo.results.tool.inputs, "robot": "x"}),
