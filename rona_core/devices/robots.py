@@ -24,7 +24,7 @@ class UniversalArm:
 
 @dataclass(frozen=True, slots=True)
 class RobotData:
-    """A robot: what it is called, how well it repeats, and of which family it is."""
+    """A robot: its title, its repeatability and its family."""
 
     title: str
     repeatability_mm: float  # as its maker states it

@@ -70,7 +70,7 @@ def pose_delay(
     probes, times = model.forward(joints.qs_rad) @ model.T_flange_probe, joints.times_s
     # between pressing on and lifting off
     middle_s = float(scan_times_s[len(scan_times_s) // 2]) if len(scan_times_s) else np.inf
-    # gel is not as fast as the line, and not as thick as is told: pressed on, one speed holds
+    # gel is not as fast as the line, and not as thick as stated: pressed on, one speed holds
     counts = found.outer_ok & (found.standoff_mm < 0.0)
     if np.count_nonzero(counts) < LEAST_SCANS:
         counts = found.outer_ok

@@ -57,7 +57,9 @@ class LineFigures:
     """One bed before and after a pass along each kind of lines; None: the robot could not."""
 
     before: Judged
-    told_share: float  # of the variance of the least bone, that the best lines were said to tell
+    explained_share: (
+        float  # of the variance of the least bone, that the best lines were said to tell
+    )
     after: dict[str, Judged | None]
 
 
@@ -104,7 +106,7 @@ def line_figures(session: Session) -> LineFigures | None:
         "even rows over the bed": lambda: even_rows(hearing.places_mm, length_mm),
     }
     after = {name: _scanned(session, held, ways[name]()) for name in KINDS}
-    return LineFigures(_judged(session, held), best.told_share, after)
+    return LineFigures(_judged(session, held), best.explained_share, after)
 
 
 def metrics(found: Sequence[LineFigures]) -> Iterator[Metric]:
@@ -112,7 +114,7 @@ def metrics(found: Sequence[LineFigures]) -> Iterator[Metric]:
     if not found:
         return
     yield from _metrics(f"before, {len(found)} beds", [one.before for one in found])
-    told = float(np.mean([one.told_share for one in found]))
+    told = float(np.mean([one.explained_share for one in found]))
     yield Metric("best lines: share of the variance said to be told", told, "1", "higher")
     for kind in found[0].after:
         known = [one.after[kind] for one in found]

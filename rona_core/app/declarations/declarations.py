@@ -234,7 +234,7 @@ def _no_reason(session: Session) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class StepLine:
-    """A step in the list of steps: what it is called, what does it, what that leaves behind."""
+    """A step in the list of steps: its title, its activity and the inputs that it leaves."""
 
     title: str
     summary: Callable[[Session], str]  # one line about what there is; empty if nothing yet

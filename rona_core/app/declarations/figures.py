@@ -22,7 +22,7 @@ WORST_OF_RESULTS = "the worst of the results page"
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """One figure of merit: what it is called, what it means, and how good it should be."""
+    """One figure of merit: its name, its meaning and its limit."""
 
     key: str
     title: str
@@ -598,7 +598,7 @@ THICKNESS_CAUSES = (
         "Speed of sound, all echoes alike",
         "mm",
         "mean speed of sound of the patient, with what all its echoes have in common (a late echo "
-        "and a slow bone cannot be told apart, and with reference points they partly cancel)",
+        "and a slow bone cannot be separated, and with reference points they partly cancel)",
         of="maps",
     ),
     Figure(

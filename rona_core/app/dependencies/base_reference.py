@@ -90,7 +90,9 @@ class Registered:
                     f"the tracker was moved since the tool was registered, and {unseen}: uncover "
                     "it and record the stroke again, or register again"
                 )
-            return _as_registered(tool, "unchecked", None, f"Nobody knows if it moved: {unseen}.")
+            return _as_registered(
+                tool, "unchecked", None, f"It is not known if it moved: {unseen}."
+            )
         now = seen_base(track.Ts_tracker_marker)
         movement = detect_tracker_movement(registered.seen, now)
         if not movement.moved:
@@ -212,7 +214,7 @@ def carried_remark(session: Session, strokes: Sequence[PointerCapture]) -> str:
     """Return a word for the line of a step where a tracker that had moved was found again."""
     registered = session.captures.tool
     if registered is None or all(s.tracker_place == registered.tracker_place for s in strokes):
-        return ""  # spares the work: as far as the session knows, nobody moved it
+        return ""  # spares the work: the session holds no move of it
     found = weakest_reference(session, strokes)
     if found is None or found.state != "carried":
         return ""
@@ -245,7 +247,7 @@ def placed_reason(session: Session) -> str | None:
 
 
 def _unseen(tool: ToolRegistration, capture: PointerCapture | SonoCapture) -> str | None:
-    """Return why the base marker tells nothing about a capture, None if it does."""
+    """Return why the base marker says nothing about a capture, None if it does."""
     if tool.base is None:
         return "the base marker was not seen while the tool was registered"
     if capture.base is None:

@@ -1,4 +1,4 @@
-"""Where the head was during a capture: led back to how it lay in the first stroke of step 4."""
+"""Pose of the head during a capture, relative to the first stroke of step 4."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -20,7 +20,7 @@ Watched = PointerCapture | ScanCapture  # captures on the head, with the marker 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeadWatch:
-    """What the marker on the head tells of a capture."""
+    """Motion of the head in a capture, by its marker."""
 
     state: Literal["still", "moved", "unchecked"]
     motion: HeadMotion | None = None  # None where it is unchecked
@@ -89,7 +89,7 @@ def _watch(first: PointerCapture, capture: Watched, T_base_tracker: Pose) -> Hea
 
 
 def _tracker_moved(first: PointerCapture, capture: Watched) -> str | None:
-    """Return why head and tracker cannot be told apart; None where the tracker stood still."""
+    """Return why head and tracker cannot be separated; None where the tracker stood still."""
     if first.base is None or capture.base is None:
         return "the base marker was not recorded"
     try:

@@ -37,7 +37,7 @@ def obstacles_of(session: Session, fresh: Callable[[str], bool]) -> Obstacles:
 
     Args:
         session: Set-up, captures and results.
-        fresh: Tells whether the result of a name is there and not stale; stale ones are not used.
+        fresh: Maps a result's name to whether it is there and not stale; stale ones are not used.
     """
     results, setup = session.results, session.setup
     tool = results.tool.value if results.tool and fresh("tool") else None

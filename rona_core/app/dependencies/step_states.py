@@ -14,7 +14,7 @@ State = Literal["done", "partial", "ready", "blocked", "stale"]
 
 @dataclass(frozen=True, slots=True)
 class StepState:
-    """One step of the procedure: what it is, how it stands and why."""
+    """One step of the procedure: its title, its state and why."""
 
     number: int
     name: str

@@ -10,7 +10,7 @@ from rona_core.session.codec import decode, digest, encode
 
 
 def serialize_arguments(message: Message) -> dict[str, object]:
-    """Return the fields of a message as JSON values; of an outcome, what tells it apart."""
+    """Return the fields of a message as JSON values; of an outcome, what identifies it."""
     if type(message).__name__ in REGISTRY.messages:
         plain = encode(message, "", {})
         plain.pop("$type")
@@ -29,7 +29,7 @@ def serialize_arguments(message: Message) -> dict[str, object]:
 
 
 def _identity(value: object) -> object:
-    """Return what tells a value apart: itself, or its digest; None where nothing does."""
+    """Return what identifies a value: itself, or its digest; None where nothing does."""
     if isinstance(value, bool | int | float | str):
         return value
     if not dataclasses.is_dataclass(value):

@@ -39,7 +39,7 @@ class QualityRow:
 
     @property
     def sentence(self) -> str:
-        """Say in words what it is, beside its limit."""
+        """Return the value in words, beside its limit."""
         if not isinstance(self.value, int | float) or isinstance(self.value, bool):
             return f"{self.title}: {self.reason or self.value}"
         words = f"{self.title} {self.value:.{self.decimals}f} {self.unit}".rstrip()
@@ -106,7 +106,7 @@ def quality_rows(
 
 
 def _known_at_once(session: Session) -> dict[str, float]:
-    """Return figures that the session tells without the truth, which takes seconds to ask."""
+    """Return figures of the session without the truth, which takes seconds to compute."""
     results, known = session.results, dict[str, float]()
     if results.tool is not None:
         known["tool_tip_sigma_mm"] = results.tool.value.tip_sigma_mm

@@ -21,7 +21,7 @@ JobState = Literal["running", "done", "failed", "cancelled"]
 MAX_RUNNING = 8
 KEPT = 200  # finished jobs that are remembered
 PROGRESS_STEP = 0.005
-LEAST_S, LEAST_PROGRESS = 1.5, 0.03  # before the time that is left is told
+LEAST_S, LEAST_PROGRESS = 1.5, 0.03  # before the remaining time is shown
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,7 @@ class JobStatus:
     started_s: float | None = None  # on the clock of `time.monotonic`
 
     def time_left_s(self, now_s: float) -> float | None:
-        """Return how long the job still takes if it goes on as it did; None while nobody knows."""
+        """Return how long the job still takes at its present rate; None while that is unknown."""
         if self.finished or self.started_s is None:
             return None
         passed_s = now_s - self.started_s

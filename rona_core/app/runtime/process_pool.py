@@ -75,7 +75,7 @@ def _listen(pipe: Connection, tasks: SimpleQueue[bytes], cancelled: threading.Ev
                 pass
             message = pipe.recv_bytes()
         except (EOFError, OSError):
-            os._exit(0)  # also in the middle of a computation: nobody waits for it any more
+            os._exit(0)  # also in the middle of a computation: its result is not awaited any more
         if message == CANCEL:
             cancelled.set()
         else:
@@ -88,7 +88,7 @@ def _say(pipe: Connection, kind: str, value: object) -> None:
     try:
         pipe.send_bytes(message)
     except OSError:
-        os._exit(0)  # as when listening: nobody waits for it any more
+        os._exit(0)  # as when listening: its result is not awaited any more
 
 
 def _reporter(pipe: Connection) -> Progress:

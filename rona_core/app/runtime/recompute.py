@@ -44,7 +44,7 @@ def recompute(session: Session, progress: Progress = silent, cancel: Cancel = ne
     """Return the session with every result computed anew; stale ones are left out.
 
     Each is computed from what it was computed from, as the session holds it: so a last bit that
-    another processor rounds otherwise is told where it arises, and makes nothing stale.
+    another processor rounds otherwise is reported where it arises, and makes nothing stale.
 
     Raises:
         CancelledError: ``cancel`` said so.

@@ -54,7 +54,7 @@ class SessionRegistry:
         self._unfiled: set[str] = set()  # whose file another program has changed or removed
         self._current: str | None = None
         self._listeners: list[Callable[[], None]] = []
-        with suppress(OSError):  # then somebody who looks at the list is told
+        with suppress(OSError):  # then the list of them reports it
             self._recovery.tidy()
 
     @property

@@ -258,7 +258,7 @@ class Workbench:
     def _hand(self) -> Operator:
         held = self._rig
         if held is None or not held[1].operator.in_hand():
-            raise DeviceError("nobody pivots the pointer by hand: start the capture by hand first")
+            raise DeviceError("no pivot by hand is under way: start the capture by hand first")
         return held[1].operator
 
     def map_errors(self) -> MapErrors:
@@ -299,7 +299,7 @@ class Workbench:
         forget_all()
 
     def _release(self) -> None:
-        """Close the devices, unless somebody builds them, who then closes them."""
+        """Close the devices; where they are being built, the builder closes them."""
         if self._rig_lock.acquire(blocking=False):
             held, self._rig = self._rig, None
             self._rig_lock.release()

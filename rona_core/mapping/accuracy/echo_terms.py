@@ -19,11 +19,11 @@ ROUGHNESS = "roughness within the beam"
 PLACES = 24  # evenly over a face, at which a plate is looked at
 DRAWS = 16  # of a plate, which tell how much rougher the bone is than its map
 AT_ONCE = 4000  # cells, all of whose draws take 15 MB
-UNHEARD = "inner boundary not heard"
-UNHEARD_MM = 0.45  # where no place around was heard, both parts together
-FRONT_UNHEARD = "outer boundary not heard"
-FRONT_UNHEARD_MM = 0.3  # the same of the outer boundary
-UNHEARD_REACH_MM = 2.0  # places this far away count as around, and errors hang together
+NO_INNER_ECHO = "no inner echo"
+NO_ECHO_MM = 0.45  # where no place around has an echo, both parts together
+NO_FRONT_ECHO = "no front echo"
+NO_FRONT_MM = 0.3  # the same of the outer boundary
+NO_ECHO_REACH_MM = 2.0  # places this far away count as around, and errors hang together
 
 
 def sampling_terms(
@@ -98,7 +98,7 @@ def roughness_term(
 def _departure_mm(surface: PlateField, cells: Floats, face_mm: float) -> Floats:
     """Return the RMS (m,) by which bone departs from a plane within a face at cells (m, 2).
 
-    Less the dome of the whole. Bone that is seen to be rough is no less so where nobody looks, and
+    Less the dome of the whole. Bone that is rough where it is seen is no less so elsewhere, and
     none is as smooth as its map: its variance is that of the map, its mean, and of draws about it.
     """
     order = np.arange(PLACES)
@@ -122,29 +122,29 @@ def _rms_around(samples: PlateField, values_mm: Floats, cells: Floats) -> Floats
     return np.sqrt(np.mean(values_mm[near.reshape(len(cells), -1)] ** 2, axis=1))
 
 
-def unheard_term(maps: Maps, T_map_base: Pose) -> ErrorTerm:
-    """Return what cells add around which nothing was heard of the inner boundary.
+def no_echo_term(maps: Maps, T_map_base: Pose) -> ErrorTerm:
+    """Return the error added in cells without inner echoes around them.
 
-    An echo misses the probe where the inner table leans, and the map goes on from bone that was
-    heard. It goes wrong the more of the places around were not heard by any A-scan: too thick where
+    An echo misses the probe where the inner table leans, and the map goes on from bone with an
+    echo. It goes wrong the more of the places around have none: too thick where
     grooves are, too thin where crests are.
     """
     if not maps.inner_used.any():
-        return ErrorTerm(UNHEARD)
+        return ErrorTerm(NO_INNER_ECHO)
     places = (T_map_base @ maps.outer_points_base)[:, :2]
-    off_mm = UNHEARD_MM * _unheard_share(maps.inner, places, maps.inner_used)
+    off_mm = NO_ECHO_MM * _silent_share(maps.inner, places, maps.inner_used)
     return ErrorTerm(
-        UNHEARD,
+        NO_INNER_ECHO,
         np.sqrt(1.0 - HIDDEN_ALIKE**2) * off_mm,
         HIDDEN_ALIKE * off_mm,
         remedy=ROWS,
-        reach_mm=UNHEARD_REACH_MM,
+        reach_mm=NO_ECHO_REACH_MM,
         hidden=True,
     )
 
 
-def front_unheard_term(maps: Maps, T_map_base: Pose, count: int) -> ErrorTerm:
-    """Return what cells add around which no front echo tells of the outer boundary.
+def no_front_echo_term(maps: Maps, T_map_base: Pose, count: int) -> ErrorTerm:
+    """Return the error added in cells without front echoes around them.
 
     None comes back from a steep edge or a groove, or one that disagrees with all around, and the
     map goes on over it.
@@ -155,31 +155,31 @@ def front_unheard_term(maps: Maps, T_map_base: Pose, count: int) -> ErrorTerm:
         count: Of A-scans in the first pass, which the outer map is made of.
     """
     places = (T_map_base @ maps.outer_points_base[:count])[:, :2]
-    off_mm = FRONT_UNHEARD_MM * _unheard_share(maps.outer, places, maps.outer_used[:count])
-    return ErrorTerm(FRONT_UNHEARD, off_mm, remedy=ROWS, reach_mm=UNHEARD_REACH_MM)
+    off_mm = NO_FRONT_MM * _silent_share(maps.outer, places, maps.outer_used[:count])
+    return ErrorTerm(NO_FRONT_ECHO, off_mm, remedy=ROWS, reach_mm=NO_ECHO_REACH_MM)
 
 
-def _unheard_share(boundary: BoundaryMap, places: Floats, heard: Bools) -> Floats:
-    """Return the share (nu, nv) of scanned places around each cell that no A-scan heard.
+def _silent_share(boundary: BoundaryMap, places: Floats, found: Bools) -> Floats:
+    """Return the share (nu, nv) of scanned places around each cell without an echo.
 
     Args:
         boundary: Its grid is meant.
         places: Of A-scans (n, 2) in ``map``.
-        heard: Which of them (n,) heard the boundary.
+        found: Which of them (n,) have an echo of the boundary.
     """
     cell_mm, shape = _cell_mm(boundary), boundary.ok.shape
-    if heard.all():
+    if found.all():
         return np.zeros(shape)
     cells = np.rint((places - (boundary.u_mm[0], boundary.v_mm[0])) / cell_mm).astype(np.int64)
     cells = np.clip(cells, 0, np.array(shape) - 1)
     scanned, silent = np.zeros(shape), np.zeros(shape)
     scanned[tuple(cells.T)] = silent[tuple(cells.T)] = 1.0
-    silent[tuple(cells[heard].T)] = 0.0
-    around, unheard = (
-        gaussian_filter(marked, UNHEARD_REACH_MM / cell_mm, mode="constant")
+    silent[tuple(cells[found].T)] = 0.0
+    around, silent_around = (
+        gaussian_filter(marked, NO_ECHO_REACH_MM / cell_mm, mode="constant")
         for marked in (scanned, silent)
     )
-    return np.divide(unheard, around, out=np.ones(shape), where=around > 0.0)
+    return np.divide(silent_around, around, out=np.ones(shape), where=around > 0.0)
 
 
 def mean_error_mm(own_mm: Floats, boundary: BoundaryMap, face_mm: float) -> float:

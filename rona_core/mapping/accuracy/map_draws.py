@@ -49,7 +49,7 @@ def draw_maps(
         count: How many.
         seed: Of the draws; the same gives the same.
         same_robot: The robot that scanned uses the map: what its links err by drops out.
-        grooves: What hides where nothing was heard always takes bone away, for who plans to mill.
+        grooves: What may hide where there was no echo always takes bone away, for plans to mill.
             Else it is grooves in half of the draws and crests in the others: which of them a bone
             has is not known.
     """
@@ -71,7 +71,7 @@ def draw_maps(
     inner += reread
     np.subtract(place, inner, out=inner)
     # last: draws of all else are the same whether a front echo was missing or not
-    outer += _drawn(maps.outer, (terms.front_unheard,), count, generator)
+    outer += _drawn(maps.outer, (terms.no_front_echo,), count, generator)
     np.minimum(inner, outer - LEAST_THICKNESS_MM, out=inner)
     return MapDraws(maps, readonly(outer), readonly(inner), readonly(reread))
 
@@ -122,7 +122,7 @@ def _own_alone(own_mm: Floats, ok: Bools, roots: tuple[Floats, Floats]) -> tuple
 
 
 def _hidden(boundary: BoundaryMap, term: ErrorTerm, signs: Floats, generator: Generator) -> Floats:
-    """Return what hides where nothing was heard (n, nu, nv), with the sign (n,) of each draw."""
+    """Return what may hide where there was no echo (n, nu, nv), with the sign (n,) of each draw."""
     off_mm, roots = np.hypot(term.own_mm, term.shared_mm), _roots(boundary, term.reach_mm)
     errors = np.zeros((len(signs), *boundary.ok.shape))
     for some, sign in _blocks(errors, signs):

@@ -18,11 +18,11 @@ from rona_core.mapping.accuracy.echo_terms import (
     INTERPOLATION,
     ROWS,
     cells_map,
-    front_unheard_term,
     mean_error_mm,
+    no_echo_term,
+    no_front_echo_term,
     roughness_term,
     sampling_terms,
-    unheard_term,
 )
 from rona_core.mapping.accuracy.error_terms import ErrorTerm
 from rona_core.mapping.accuracy.probe_place import ProbePlace
@@ -53,13 +53,13 @@ POINTS = "measure the bone at three reference points (step 9)"
 class MapTerms:
     """Causes of error of the three boundaries and of the thickness.
 
-    An echo tells how far the inner boundary lies from the probe. By what bone departs from its mean
-    below the face the thickness errs as the outer boundary does, and the inner one does not.
+    An echo measures how far the inner boundary lies from the probe. By what bone departs from its
+    mean below the face the thickness errs as the outer boundary does, and the inner one does not.
     """
 
     place: tuple[ErrorTerm, ...]  # where the probe was, which all boundaries share
     front: tuple[ErrorTerm, ...]  # of front echoes, and between them
-    front_unheard: ErrorTerm  # where there were none
+    no_front_echo: ErrorTerm  # where there were none
     rough: ErrorTerm  # of the outer boundary within the beam
     fused: tuple[ErrorTerm, ...]
     depth: tuple[ErrorTerm, ...]  # of the way of an echo through the bone
@@ -67,7 +67,7 @@ class MapTerms:
     @property
     def outer(self) -> tuple[ErrorTerm, ...]:
         """Those of the outer boundary."""
-        return (*self.front, self.front_unheard, self.rough, *self.place)
+        return (*self.front, self.no_front_echo, self.rough, *self.place)
 
     @property
     def inner(self) -> tuple[ErrorTerm, ...]:
@@ -138,8 +138,8 @@ def map_terms(
     plate, of_place = plate_through(outer_map), place.of_cells(maps)
     rough = roughness_term(maps.outer, plate, samples.levels()[first_used], probe)
     front = sampling_terms(maps.outer, plate, plate, outer_sigma, face_mm)
-    unheard = front_unheard_term(maps, T_map_base, n)
-    fused = _fused_terms(maps, (*front, unheard, rough, *of_place), plate, cloud)
+    silent_around = no_front_echo_term(maps, T_map_base, n)
+    fused = _fused_terms(maps, (*front, silent_around, rough, *of_place), plate, cloud)
     between_map = T_map_base @ maps.inner_points_base[maps.inner_used]
     between_map[:, 2] = _heights_at(maps.outer, between_map) - between_map[:, 2]
     timing = np.concatenate([one.thickness_sigma_mm for one in found])[maps.inner_used]
@@ -151,7 +151,7 @@ def map_terms(
     shared, local = speed_uncertainty(calibration, cells_base, region if len(region) else None)
     depth = (
         *sampling_terms(maps.inner, between, between, timing, face_mm),
-        unheard_term(maps, T_map_base),
+        no_echo_term(maps, T_map_base),
         ErrorTerm(SPEED, shared_mm=bone_mm * shared.reshape(bone_mm.shape), remedy=POINTS),
         ErrorTerm(
             "speed of sound at the place",
@@ -161,7 +161,7 @@ def map_terms(
         ),
         *place.between_passes(maps),
     )
-    return MapTerms(of_place, front, unheard, rough, fused, depth)
+    return MapTerms(of_place, front, silent_around, rough, fused, depth)
 
 
 def _fused_terms(
@@ -211,7 +211,7 @@ def _heights_at(boundary: BoundaryMap, points_map: Floats) -> Floats:
 
 
 def _unknown_cloud(maps: Maps, cloud: Cloud | None) -> ErrorTerm:
-    """Return what a cloud that is not there any more adds where it alone tells of the boundary.
+    """Return the error of a removed cloud where it alone measured the boundary.
 
     How far it lay from the map it was laid on.
     """

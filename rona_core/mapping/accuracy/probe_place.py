@@ -25,11 +25,11 @@ from rona_core.ultrasound.probe.probe_model import ProbeModel
 # As makers state it: mean distance of repeated arrivals from their middle, and three deviations of
 # it (ISO 9283); 3.62 deviations along one axis where they scatter alike in all directions.
 REPEATABILITY_OVER_SIGMA = 3.62
-# Assumed, one standard deviation each: nobody states them.
+# Assumed, one standard deviation each: no source states them.
 SEAT_MM = 0.4  # of a probe that was clamped by hand, along its axis
-ROOM_K = 5.0  # of a line that nobody asked, between the room and the skin
+ROOM_K = 5.0  # of a line without a calibration, between room and skin
 WARMING_K = 0.8  # of a line since it was asked, by the end of a scan
-CREEP_MM = 0.2  # of a head in its clamp that nobody watched
+CREEP_MM = 0.2  # of a head in its clamp without a marker
 # a line whose face is held warmer warms with the root of time (Carslaw 1959): mean, deviation of it
 MEAN_WARMING, WARMING_SPREAD = 2.0 / 3.0, 18.0**-0.5
 COUPLING_MM = 0.01  # film and speed of the gel under the face
@@ -168,7 +168,7 @@ def hand_place(
 def _between_passes(
     name: str, first_rad: Floats, further_rad: Floats, maps: Maps
 ) -> tuple[ErrorTerm, ...]:
-    """Return what other errors of the links do to cells that a further pass tells of.
+    """Return the effect of other errors of the links on cells of a further pass.
 
     Nothing where its postures are like those of the first pass next to it.
     """

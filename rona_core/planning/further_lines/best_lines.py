@@ -14,7 +14,7 @@ from scipy.spatial import KDTree
 from rona_core.geometry.arrays import Floats, Ints, readonly
 
 CORNER_MM = 3.0  # between places at which a line may end
-HEARD_MM = 2.0  # between places of a line that count
+APART_MM = 2.0  # between places of a line that count
 LENGTHS_MM = (6.0, 25.0)  # of a line
 _NOTHING: Ints = np.zeros(0, dtype=np.int64)
 
@@ -132,10 +132,10 @@ class _Chords:
 
 def _along(tree: KDTree, start: Floats, end: Floats) -> Ints:
     """Return the places along a line; none where it leaves the region."""
-    count = max(2, round(float(np.linalg.norm(end - start)) / HEARD_MM) + 1)
+    count = max(2, round(float(np.linalg.norm(end - start)) / APART_MM) + 1)
     line = start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
     away, nearest = tree.query(line)
-    return np.unique(nearest) if away.max() <= HEARD_MM / 2.0 else _NOTHING
+    return np.unique(nearest) if away.max() <= APART_MM / 2.0 else _NOTHING
 
 
 def _corners(places_mm: Floats) -> Ints:

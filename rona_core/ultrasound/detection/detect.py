@@ -49,7 +49,7 @@ OK, NO_FRONT, NO_INNER, CLIPPED, TOO_THIN, TOO_THICK, UNSURE, TILTED = range(8)
 REMOVED = 8  # taken away by hand, see `manual_corrections`
 FRONT_LEVEL = 0.25  # of perfect contact; below it the probe is tilted too far
 SURE = 0.8  # probability from which on an inner boundary counts
-HEARD_SHARE = 0.02  # of the A-scans of a survey, of which at least this share must be sure
+LEAST_SURE_SHARE = 0.02  # of the A-scans of a survey, of which at least this share must be sure
 MANY = 100  # A-scans that make a survey
 STEP_QUALITY = 0.5  # of one that the step from table to diploe explains as well
 SPEEDS_MM_PER_US = (1.5, 4.5)
@@ -179,7 +179,7 @@ def _agreed(found: Detection, look: _Look) -> Detection:
 
 def has_inner_echoes(found: Detection) -> bool:
     """Return whether a survey has inner echoes at all, beyond those that are sure by chance."""
-    return len(found) < MANY or bool(found.inner_ok.mean() >= HEARD_SHARE)
+    return len(found) < MANY or bool(found.inner_ok.mean() >= LEAST_SURE_SHARE)
 
 
 def doubted(found: Detection, which: Bools) -> Detection:

@@ -77,10 +77,10 @@ class DrawingControls:
         self._shorter.visible = drawing and len(view.picks) > 0
         self._drop.visible = (drawing or len(view.picks) > 0) and not new.busy
         self._finish.disabled = blocked or len(view.picks) < 2
-        self._help.content = style.note(_told(view)) if drawing else ""
+        self._help.content = style.note(_help_words(view)) if drawing else ""
 
 
-def _told(view: ViewState) -> str:
+def _help_words(view: ViewState) -> str:
     """Return what a click and a drag do, and what there is so far."""
     points = f"{len(view.picks)} point{'' if len(view.picks) == 1 else 's'}"
     if view.drawing != LIFTED:

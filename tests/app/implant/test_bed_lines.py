@@ -38,9 +38,9 @@ def test_lines_lie_over_the_bed_and_say_how_much_they_can_tell(bench):
     away = np.linalg.norm(np.array(found.rows).reshape(-1, 2) - (at.u_mm, at.v_mm), axis=1)
     assert away.max() < 16.0  # radius of the bed or place of a screw, and some millimetres
     assert 60.0 <= found.length_mm < 85.0
-    assert 0.0 <= found.told_share < 1.0
-    assert "next to nothing" in lines_verdict(replace(found, told_share=0.005))
-    assert "tell up to 20 % of what is open" in lines_verdict(replace(found, told_share=0.2))
+    assert 0.0 <= found.explained_share < 1.0
+    assert "next to nothing" in lines_verdict(replace(found, explained_share=0.005))
+    assert "tell up to 20 % of what is open" in lines_verdict(replace(found, explained_share=0.2))
 
 
 def test_without_what_no_scan_tells_lines_tell_most_of_it(bench):

@@ -13,7 +13,7 @@ from rona_core.compose import build_virtual_rig, new_workbench
 from rona_core.errors import InvalidInputError, StaleResultError, StepBlockedError
 from rona_core.evaluation.maps.map_errors import cell_errors_mm
 from rona_core.evaluation.truth import truth_of
-from rona_core.mapping.accuracy.echo_terms import UNHEARD
+from rona_core.mapping.accuracy.echo_terms import NO_INNER_ECHO
 from rona_core.mapping.accuracy.error_terms import HIDDEN_ALIKE, HIDDEN_FROM, hidden_depths
 from rona_core.mapping.build_maps import LEAST_THICKNESS_MM
 from rona_core.session.document import Session
@@ -101,8 +101,8 @@ def test_bone_between_two_cells_is_no_rougher_in_draws_than_their_errors_are(dem
     maps = draws.maps
     truth = truth_of(demo, build_virtual_rig(demo.setup).scene)
     errors = cell_errors_mm(maps, truth)["inner_same_robot"]
-    (unheard,) = (t for t in TERMS.read(demo).thickness if t.cause == UNHEARD)
-    heard = np.isfinite(errors) & (np.hypot(unheard.own_mm, unheard.shared_mm) < 0.03)
+    (silent_around,) = (t for t in TERMS.read(demo).thickness if t.cause == NO_INNER_ECHO)
+    heard = np.isfinite(errors) & (np.hypot(silent_around.own_mm, silent_around.shared_mm) < 0.03)
     beside = heard[1:] & heard[:-1]
     assert beside.sum() > 100
     drawn = draws.inner_mm - maps.inner.height_mm

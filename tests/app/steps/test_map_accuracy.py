@@ -12,11 +12,11 @@ from rona_core.app.steps.boundaries.messages import CorrectBoundary
 from rona_core.app.steps.maps.accuracy import ROBOT_PLACE, TERMS, map_accuracy
 from rona_core.app.steps.maps.view import layers_of
 from rona_core.mapping.accuracy.echo_terms import (
-    FRONT_UNHEARD,
+    NO_FRONT_ECHO,
+    NO_INNER_ECHO,
     ROUGHNESS,
-    UNHEARD,
-    front_unheard_term,
-    unheard_term,
+    no_echo_term,
+    no_front_echo_term,
 )
 from rona_core.mapping.accuracy.error_terms import ErrorTerm
 from rona_core.mapping.accuracy.map_accuracy import accuracy_words
@@ -63,7 +63,7 @@ def test_the_budget_of_each_map_is_the_sum_of_its_causes(demo, accuracy):
     assert causes["mounting of the probe"].sigma_mm < 0.03
     of_bone = {row.cause for row in accuracy.thickness.budget}
     assert ROUGHNESS in of_bone
-    carried = set(causes) - of_bone - {FRONT_UNHEARD}
+    carried = set(causes) - of_bone - {NO_FRONT_ECHO}
     inner = {row.cause for row in accuracy.inner.budget}
     assert inner == carried | of_bone - {ROUGHNESS}
 
@@ -118,7 +118,7 @@ def test_the_parts_add_up_and_the_robot_counts_where_another_uses_the_map(demo, 
     # what front echoes err by moves the thickness, not the inner boundary
     terms = TERMS.read(demo)
     for ways in ("own_mm", "shared_mm"):
-        fronts = (*terms.front, terms.front_unheard)
+        fronts = (*terms.front, terms.no_front_echo)
         of_front = sum(np.square(getattr(term, ways)) for term in fronts)
         rough = np.square(getattr(terms.rough, ways))
         parts_mm2 = [np.square(getattr(part, ways)) for part in (bone, outer, inner)]
@@ -128,8 +128,8 @@ def test_the_parts_add_up_and_the_robot_counts_where_another_uses_the_map(demo, 
     of_mean = {row.cause: row.shared_mm for row in bone.budget}
     rest_mm2 = sum(of_mean[cause] ** 2 for cause in ("time of flight", "interpolation"))
     assert 0.0 < rest_mm2 < 0.5 * rms(bone.own_mm[both]) ** 2
-    (unheard,) = [t for t in TERMS.read(demo).thickness if t.cause == UNHEARD]
-    rest_mm2 = rest_mm2 + np.broadcast_to(unheard.shared_mm, both.shape)[both] ** 2
+    (silent_around,) = [t for t in TERMS.read(demo).thickness if t.cause == NO_INNER_ECHO]
+    rest_mm2 = rest_mm2 + np.broadcast_to(silent_around.shared_mm, both.shape)[both] ** 2
     share = np.sqrt(bone.shared_mm[both] ** 2 - rest_mm2) / maps.thickness_mm()[both]
     np.testing.assert_allclose(share, share[0], rtol=1e-6)  # one for the whole map
     assert PATIENTS_SHARE < share[0] < np.hypot(PATIENTS_SHARE, LOCAL_SHARE)  # nobody told it
@@ -256,7 +256,7 @@ def test_an_ascan_states_the_thickness_with_the_speed_of_sound_in_it(demo):
 def test_bone_is_less_sure_the_more_of_the_places_around_it_nobody_heard(demo):
     """Against every cell's own weighted count, place by place."""
     maps = demo.results.maps.value
-    (term,) = [t for t in TERMS.read(demo).thickness if t.cause == UNHEARD]
+    (term,) = [t for t in TERMS.read(demo).thickness if t.cause == NO_INNER_ECHO]
     ascans = (maps.inner.T_base_map.inv() @ maps.outer_points_base)[:, :2]
     heard: dict[tuple[int, int], bool] = {}  # by places 1 mm wide
     for place, was in zip(np.rint(ascans).astype(int).tolist(), maps.inner_used, strict=True):
@@ -281,26 +281,26 @@ def test_the_outer_boundary_is_less_sure_where_no_front_echo_tells_of_it(demo):
     groove = np.abs(places[:, 0]) < 3.0
     every, used = (np.ones(len(maps.outer_used), dtype=np.bool_) for _ in range(2))
     used[:n][groove] = False
-    term = front_unheard_term(replace(maps, outer_used=used), T_map_base, n)
+    term = no_front_echo_term(replace(maps, outer_used=used), T_map_base, n)
     in_it = np.abs(maps.outer.u_mm) < 1.0
     beside = np.abs(maps.outer.u_mm) > 9.0
     ok = maps.outer.ok
     assert term.own_mm[in_it][ok[in_it]].min() > 0.2
     assert term.own_mm[in_it][ok[in_it]].max() <= 0.3
     assert term.own_mm[beside][ok[beside]].max() < 0.01
-    assert not front_unheard_term(replace(maps, outer_used=every), T_map_base, n).own_mm.any()
+    assert not no_front_echo_term(replace(maps, outer_used=every), T_map_base, n).own_mm.any()
 
 
 def test_a_place_counts_as_heard_however_many_ascans_there_heard_nothing(demo):
     """So a further pass that hears nothing leaves the map as sure as it was."""
     maps = demo.results.maps.value
-    before = unheard_term(maps, maps.inner.T_base_map.inv())
+    before = no_echo_term(maps, maps.inner.T_base_map.inv())
     again = replace(
         maps,
         outer_points_base=np.vstack((maps.outer_points_base, maps.outer_points_base)),
         inner_used=np.concatenate((maps.inner_used, np.zeros_like(maps.inner_used))),
     )
-    after = unheard_term(again, maps.inner.T_base_map.inv())
+    after = no_echo_term(again, maps.inner.T_base_map.inv())
     np.testing.assert_array_equal(after.own_mm, before.own_mm)
 
 

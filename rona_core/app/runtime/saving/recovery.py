@@ -24,7 +24,7 @@ from rona_core.session.files import remove_stale_temporaries
 
 @dataclass(frozen=True, slots=True)
 class LostSession:
-    """A session that was not saved when its program ended, as its copy tells."""
+    """A session that was not saved when its program ended, as described by its copy."""
 
     key: str  # by which it is recovered or discarded
     name: str | None  # None where the copy cannot be read
@@ -78,7 +78,7 @@ class Recovery:
         """Return all that can be recovered, the newest first; what cannot be read says so."""
         found: dict[Path, tuple[object, LostSession]] = {}
         for copy in self._copies():
-            with contextlib.suppress(FileNotFoundError):  # somebody has just recovered it
+            with contextlib.suppress(FileNotFoundError):  # it was recovered meanwhile
                 file = copy.path.stat()
                 stamp = file.st_mtime_ns, file.st_size
                 known = self._known.get(copy.path)

@@ -1,4 +1,4 @@
-"""A folder for each running program: its lock tells whether the program still runs."""
+"""A folder for each running program: its lock shows whether the program still runs."""
 
 import contextlib
 import os
@@ -14,8 +14,8 @@ LOCK = "lock"
 class RunFolder:
     """A folder of this program alone below ``root``, made when it is first needed.
 
-    The lock in it ends with the process, so that nobody has to guess from a number of a process
-    whether that one still runs.
+    The lock in it ends with the process, so that it need not be guessed from the number of a
+    process whether that one still runs.
     """
 
     def __init__(self, root: Path) -> None:
@@ -30,7 +30,7 @@ class RunFolder:
             OSError: no room, or no right to write.
         """
         if self._descriptor is not None and not (self.path / LOCK).exists():
-            os.close(self._descriptor)  # somebody has cleared it away
+            os.close(self._descriptor)  # it was cleared away meanwhile
             self._descriptor = None
         if self._descriptor is None:
             self._root.mkdir(parents=True, exist_ok=True)

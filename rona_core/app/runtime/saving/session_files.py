@@ -175,7 +175,7 @@ class SessionFiles:
         return next((key for key, own in self._own.items() if own.path == path), None)
 
     def free_path(self, name: str) -> Path:
-        """Return a path in the folder that nobody uses, after the name of a session."""
+        """Return an unused path in the folder, after the name of a session."""
         stem = stem_of(name)
         path, number = self.folder / f"{stem}{SUFFIX}", 2
         while path.exists():

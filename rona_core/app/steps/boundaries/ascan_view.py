@@ -85,7 +85,7 @@ class ScanPicture:
 def scan_poses(session: Session, scan: ScanName = "first") -> Poses | None:
     """Return where the probe was at each A-scan, in ``base``; None before the scan.
 
-    Of a scan by hand that nobody can tell the robot from, the marker on its base is ``base``.
+    In a scan by hand without a place of the robot, the marker on its base is ``base``.
     """
     captures = session.captures
     if scan == "hand":
@@ -202,8 +202,8 @@ def _thickness(
 ) -> tuple[float, float, float]:
     """Return thickness and sigma in mm of one A-scan as the maps have them, and its speed.
 
-    Where no caliper told the speed it is published, or asked for in words; how well it suits the
-    place nobody knows.
+    Without a caliper the speed is the published one, or the one in the message; how well it suits
+    the place is unknown.
     """
     hand = scan == "hand"
     known, poses = speed_of_maps(session, hand=hand), scan_poses(session, scan)

@@ -27,20 +27,21 @@ from rona_core.session.memo import remember
 from rona_core.ultrasound.detection.detect import Detection
 from rona_core.ultrasound.detection.manual_corrections import corrected
 
-TOLD_SIGMAS = 3.0  # a delay smaller than this cannot be told from none
+SIGNIFICANT_SIGMAS = 3.0  # a smaller delay is not significant
 NOT_SEEN = 9  # flag of an A-scan at which the tracker did not see the probe
 
 
 def sono_delay_s(session: Session) -> float:
     """Return by how much later than it was measured a frame of the tracker arrives, as known.
 
-    The registration tells by how much the tracker is later than the robot, whose joint angles are
-    late themselves: a lower bound. What the maker states of the tracker counts where it is more.
+    The registration estimates by how much the tracker is later than the robot, whose joint angles
+    are late themselves: a lower bound. What the maker states of the tracker counts where it is
+    more.
     """
     stated_s = LATENCY_MS.get(session.setup.devices.tracker.profile, 0.0) / 1000.0
     tool = session.results.tool
     delay = None if tool is None else tool.value.delay
-    if delay is None or delay.offset_s <= TOLD_SIGMAS * delay.sigma_s:
+    if delay is None or delay.offset_s <= SIGNIFICANT_SIGMAS * delay.sigma_s:
         return stated_s
     return max(stated_s, delay.offset_s)
 
@@ -59,7 +60,7 @@ def hand_reference(session: Session, capture: SonoCapture) -> tuple[str, Pose, s
     """Return the frame that stands for ``base``, the tracker in it, and a sentence about it.
 
     Raises:
-        StepBlockedError: nothing tells where the tracker stood.
+        StepBlockedError: the place of the tracker is unknown.
         StaleResultError: it has moved since the registration, and is not found again.
     """
     if session.results.tool is not None:
@@ -80,7 +81,7 @@ def hand_poses(session: Session) -> tuple[str, Poses] | None:
     """Return the frame that stands for ``base``, and the probe in it at each A-scan by hand.
 
     Where the tracker did not see the probe it is taken to be where it was seen nearest in time.
-    None before the scan, and where nothing tells where the tracker stood.
+    None before the scan, and where the place of the tracker is unknown.
     """
     capture, made = session.captures.sono_scan, session.results.sono
     if capture is None or made is None:
@@ -180,7 +181,7 @@ def derive_sono_maps(
     registered, a calibrated speed of sound holds here too: the bone is the same.
 
     Raises:
-        StepBlockedError: nothing tells where the tracker stood.
+        StepBlockedError: the place of the tracker is unknown.
         StaleResultError: it has moved since the registration, and is not found again.
     """
     capture = require_result(session.captures.sono_scan, "scan by hand")

@@ -38,13 +38,13 @@ class BedLines:
 
     rows: tuple[Row, ...]  # in the plane of the maps, each from where the last one ended
     length_mm: float
-    told_share: float  # of the variance of the least bone, that they can tell
+    explained_share: float  # of the variance of the least bone, that they can tell
 
 
 def derive_bed_lines(
     session: Session, message: StartBedLines, *, progress: Progress, cancel: Cancel
 ) -> BedLines:
-    """Return the chain of lines that tells most of the least bone below the bed.
+    """Return the chain of lines that is most informative of the least bone below the bed.
 
     Raises:
         StepBlockedError: there is no bed, or it does not lie wholly in the maps.
@@ -64,7 +64,7 @@ def derive_bed_lines(
     return BedLines(
         rows=tuple(_row(ends) for ends in found.rows_mm.round(2)),
         length_mm=float(lengths_mm.sum()),
-        told_share=1.0 - found.left_share,
+        explained_share=1.0 - found.left_share,
     )
 
 
@@ -106,13 +106,13 @@ def bed_hearing(session: Session, held: ImplantBed, draws: MapDraws) -> Hearing:
 
 def lines_verdict(found: BedLines) -> str:
     """Return in one sentence how much the lines can tell of the bed."""
-    share = 100.0 * found.told_share
-    rest = "how well it is milled and the speed of sound, which no further line tells"
+    share = 100.0 * found.explained_share
+    rest = "how well it is milled and the speed of sound, which no further line measures"
     if share < LEAST_PERCENT:
         return f"Further lines tell next to nothing of this bed: what is left open is {rest}."
     return (
         f"{found.length_mm:.0f} mm of lines tell up to {share:.0f} % of what is open about the "
-        "least bone of this bed, if it is heard all along; silent places add doubt. "
+        "least bone of this bed, if it echoes all along; silent places add doubt. "
         f"The rest is {rest}."
     )
 

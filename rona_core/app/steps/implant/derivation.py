@@ -54,8 +54,8 @@ def _drawn(session: Session) -> MappedBone:
 def execution_error(session: Session) -> ExecutionError:
     """Return how well the robot that made the maps mills a bed in the posture of the scan.
 
-    The tip of the burr counts as known as it was registered, and as it comes again. Where nobody
-    registered it the spindle is clamped by hand, as the probe is: it may be off as far as that.
+    The tip of the burr counts as known as it was registered, and as it comes again. Without a
+    registration the spindle is clamped by hand, as the probe is: it may be off as far as that.
     """
     burr = KNOWN_BURR.read(session)
     along_mm = SEAT_MM if burr is None else burr.tip_sigma_mm / np.sqrt(3.0)

@@ -113,7 +113,7 @@ def _summary(session: Session) -> str:
         return ""
     bed: ImplantBed = held.value
     if bed.refusal is not None or bed.placed is None:
-        return f"{bed.implant} does not fit safely"  # the verdict tells why
+        return f"{bed.implant} does not fit safely"  # the verdict says why
     lift = f", lift {bed.lift_mm:g} mm" if bed.lift_mm > 0.0 else ""
     return f"{bed.implant}{lift}, safe with {percent(bed.placed.probability)}{_milled(session)}"
 

@@ -42,7 +42,7 @@ ASKED = ("implant", "limit_mm", "probability", "burr_mm", "avoid", "avoid_mm")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MillingView:
-    """How a bed would be milled, whoever holds the burr."""
+    """How a bed would be milled, by the robot or by hand."""
 
     implant: Implant
     placed: PlacedBed

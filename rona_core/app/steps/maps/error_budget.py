@@ -38,7 +38,7 @@ OUTER = (
             TIMING,
             "repeatability of the robot",
             "interpolation",
-            "outer boundary not heard",
+            "no front echo",
             "roughness within the beam",
         ),
         "outer_by_sampling_mm",
@@ -49,7 +49,7 @@ THICKNESS = (
     Group(("speed of sound at the place",), "thickness_by_place_mm"),
     Group((TIMING,), "thickness_by_echo_mm"),
     Group(
-        ("interpolation", "inner boundary not heard", "roughness within the beam"),
+        ("interpolation", "no inner echo", "roughness within the beam"),
         "thickness_by_interpolation_mm",
     ),
     Group((OTHER_POSTURE,)),

@@ -65,7 +65,7 @@ def layers_of(
 
     A standard deviation of a boundary (all of it, what each cell has for itself, what all cells
     have in common) or of the thickness needs how sure the maps are, an error those against a
-    reference, and its scale has 0 in its middle. No cell is shown where nobody knows.
+    reference, and its scale has 0 in its middle. No cell is shown where the value is unknown.
     """
     of_sigma = quantity.startswith("sigma")
     if quantity.startswith("error"):

@@ -195,6 +195,6 @@ def _speeds(maps: Maps, lags_us: Floats, usual: float) -> Floats:
     Where an A-scan has no time between them it is that of most.
     """
     apart = np.linalg.norm(maps.inner_points_base - maps.outer_points_base, axis=1)
-    told: Bools = np.asarray((lags_us > 0.0) & (apart > 0.0))
-    speeds = np.divide(2.0 * apart, lags_us, out=np.full(len(lags_us), usual), where=told)
-    return np.where(told, speeds, float(np.median(speeds[told])) if told.any() else usual)
+    timed: Bools = np.asarray((lags_us > 0.0) & (apart > 0.0))
+    speeds = np.divide(2.0 * apart, lags_us, out=np.full(len(lags_us), usual), where=timed)
+    return np.where(timed, speeds, float(np.median(speeds[timed])) if timed.any() else usual)

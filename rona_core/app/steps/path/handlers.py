@@ -78,7 +78,7 @@ def _(message: messages.ClearPathEdits, session: Session) -> PathEdits:
 
 
 def sight(session: Session, origin_base: ArrayLike, direction_base: ArrayLike) -> Vector3:
-    """Return the place (3,) on the measured surface that somebody points at from an eye.
+    """Return the place (3,) on the measured surface under a ray from the eye.
 
     Raises:
         StepBlockedError: no surface was sampled yet.

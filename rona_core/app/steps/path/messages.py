@@ -1,6 +1,6 @@
 """Commands that make a path by rule or change one by hand; all of them are undone like any other.
 
-Lengths are in millimetres, angles in degrees. A place that somebody points at only says where to
+Lengths are in millimetres, angles in degrees. A place that is pointed at only says where to
 look: how deep it lies is taken from the measured surface.
 """
 

@@ -17,7 +17,7 @@ SAME_MM = 6.0  # places closer along the path are one entry
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """A stretch of the path with one thing to be told about it."""
+    """A stretch of the path with one remark on it."""
 
     from_mm: float  # along the way-points
     to_mm: float
@@ -73,8 +73,8 @@ def check_path(session: Session) -> PathCheck | None:
         warnings=tuple(
             sorted(
                 (
-                    *_told(along, along, unsure, normals.sigma_deg, UNSURE),
-                    *_told(along, onward, bent, bend, BENT),
+                    *_exceeding(along, along, unsure, normals.sigma_deg, UNSURE),
+                    *_exceeding(along, onward, bent, bend, BENT),
                 ),
                 key=lambda stretch: stretch.from_mm,
             )
@@ -94,7 +94,9 @@ def half_turns_deg(normals: Floats) -> Floats:
     return np.append(0.5 * turns, 0.0)
 
 
-def _told(along: Floats, until: Floats, where: Bools, values: Floats, words: str) -> list[Stretch]:
+def _exceeding(
+    along: Floats, until: Floats, where: Bools, values: Floats, words: str
+) -> list[Stretch]:
     return [
         Stretch(float(along[a]), float(until[b]), words.format(worst=values[a : b + 1].max()))
         for a, b in _runs(along, np.flatnonzero(where))

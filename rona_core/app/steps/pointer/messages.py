@@ -25,7 +25,7 @@ class StartPointerCapture:
     """Pivot the pointer about its tip while the tracker watches; then calibrate.
 
     With ``by_hand`` it runs in real time for at most ``duration_s`` and the pointer turns as
-    somebody says meanwhile; ``cone_deg`` then means nothing.
+    a person says meanwhile; ``cone_deg`` then means nothing.
     """
 
     cone_deg: float = number(30.0, "Cone", "deg", 1.0, 60.0, 1.0, hint=HALF_ANGLE)

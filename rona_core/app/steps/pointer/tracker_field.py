@@ -1,4 +1,4 @@
-"""What the fixed error of the tracker makes of a calibrated pointer, and what the pivot tells."""
+"""Effect of the tracker's fixed error on a calibrated pointer, and what the pivot shows."""
 
 from dataclasses import replace
 

@@ -45,7 +45,7 @@ class PathMargins:
         }[quantity]
 
     def fails(self, quantity: Quantity) -> Bools:
-        """Return where (k,) the robot cannot or must not be, as far as a quantity tells."""
+        """Return where (k,) the robot cannot or must not be, by one quantity."""
         return self.collides if quantity == "clearance" else self.values(quantity) < 0.0
 
 

@@ -34,7 +34,7 @@ from rona_core.session.document import Session
 
 TICK_S = 0.016  # between joint samples of a scan by position alone
 CLOCK_MM = 2.5  # within this of the ends of the path, A-scans are fired to compare the clocks
-SHOWN_EVERY = 32  # A-scans of a scan by position alone: a map that grows is told so often
+SHOWN_EVERY = 32  # A-scans of a scan by position alone between two updates of the growing map
 AFTER_S = 0.1  # joint angles are recorded so long after the last A-scan: they arrive late
 
 
@@ -58,7 +58,7 @@ def capture_scan(
     Raises:
         NotReachableError: there is no plan, the verifier did not certify it, or there is no room
             for the force loop.
-        CancelledError: somebody pressed Cancel or Stop before the probe came near the bone.
+        CancelledError: Cancel or Stop was pressed before the probe came near the bone.
     """
     first, second = session.results.roll, session.results.second
     plan = None if first is None else first.value
@@ -179,7 +179,7 @@ def _head_frames(since_s: float | None, context: ActivityContext) -> list[Tracke
 def _clock_times(trajectory: Trajectory, model: RobotModel) -> Floats:
     """Return times (n,) at which the face comes near the bone and leaves it, straight up and down.
 
-    There the echoes see the robot move, which tells how late its joint angles arrive.
+    There the echoes see the robot move, which shows how late its joint angles arrive.
     """
     probes = model.forward(trajectory.qs_rad) @ model.T_flange_probe
     line = straight_line(trajectory, probes)

@@ -51,7 +51,7 @@ def contact_report(session: Session) -> ContactReport | None:
         return None
     found = None if capture.forces is None else summarize(capture.forces)
     if capture.forces is None:
-        sentence = "Driven by position alone: nobody measured the force."
+        sentence = "Driven by position alone: the force was not measured."
     elif found is None:
         why = capture.forces.reason
         sentence = "The probe was never pressed on" + (f": {why}." if why else ".")
@@ -109,7 +109,7 @@ Across = Literal["path", "time"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ForceCurve:
-    """A force curve (n,) with what it is to keep to."""
+    """A force curve (n,) with its limits."""
 
     axis: str  # what ``at`` counts, with its unit
     at: Floats  # (n,) growing

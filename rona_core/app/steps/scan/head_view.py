@@ -30,14 +30,14 @@ class HeadShift:
 
 @dataclass(frozen=True, slots=True)
 class HeadReport:
-    """Where the head was in every capture on it, as far as its marker tells."""
+    """Pose of the head in every capture on it, by its marker."""
 
     shifts: tuple[HeadShift, ...]
     sentence: str  # about the scan
 
 
 def head_report(session: Session) -> HeadReport | None:
-    """Return what the marker on the head tells; None before a scan that recorded it."""
+    """Return the motion of the head by its marker; None before a scan that recorded it."""
     center = _middle(session)
     if center is None or watch_head(session, session.captures.scan) is None:
         return None
@@ -68,7 +68,7 @@ def head_figures(session: Session) -> dict[str, float]:
 def head_sentence(scan: HeadShift) -> str:
     """Return what the head did up to the scan and in it, as people read it."""
     if scan.shift_mm is None or scan.sigma_mm is None or scan.range_mm is None:
-        return f"Nobody knows whether the head moved: {scan.reason}. The maps are not corrected."
+        return f"It is not known whether the head moved: {scan.reason}. The maps are not corrected."
     sigma_mm = max(np.linalg.norm(scan.sigma_mm), 0.01)
     if scan.state == "still":
         return f"The head has not moved since step 4 (± {sigma_mm:.2f} mm, by its marker)."
@@ -81,7 +81,7 @@ def head_sentence(scan: HeadShift) -> str:
 
 
 def unwatched(session: Session) -> str | None:
-    """Return why nobody knows what the head did in the scan; None where it is known or old."""
+    """Return why the motion of the head in the scan is unknown; None where it is known or old."""
     watch = watch_head(session, session.captures.scan)
     return watch.reason if watch is not None and watch.state == "unchecked" else None
 

@@ -52,7 +52,7 @@ class ProbePlaces:
     """Where the probe was in every pass over the bone.
 
     The face is where the gauge plate found it, or else where it should be. Where the head has moved
-    since step 4, the poses are led back to how it lay then. Joint angles are looked up later by the
+    since step 4, the poses are corrected for it. Joint angles are looked up later by the
     delay of the first scan: in further ones the probe leans, and echoes of the approach are weak.
     """
 

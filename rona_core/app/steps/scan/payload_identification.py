@@ -11,7 +11,7 @@ from rona_core.robot.collision.obstacles import Obstacles
 from rona_core.robot.force_control.gravity_compensation import fit_tool_load
 from rona_core.robot.kinematics.robot_model import RobotModel
 
-# Turns of joints 4 to 6 in degrees, about two axes, so that weight and offset can be told apart.
+# Turns of joints 4 to 6 in degrees, about two axes, so that weight and offset can be separated.
 TURNS_DEG = ((0, 0, 0), (0, 25, 0), (0, -25, 0), (0, 0, 35), (0, 0, -35), (20, 15, 20))
 SETTLE_S = 0.1
 READINGS = 12
@@ -34,7 +34,7 @@ def identify_payload(
         DegenerateGeometryError: the poses that are left do not tell weight and offset apart; it
             says what stood in the way of the others.
         NotReachableError: the robot stands where it touches something, or cannot return.
-        CancelledError: somebody pressed Cancel or Stop on the way.
+        CancelledError: Cancel or Stop was pressed on the way.
     """
     moves = FreeMoves(model, around)
     rotations: list[Floats] = []
@@ -72,7 +72,7 @@ def _go(here: Floats, goal: Floats, moves: FreeMoves, context: ActivityContext) 
 
     Raises:
         NotReachableError: there is none; it says why.
-        CancelledError: somebody pressed Cancel or Stop on the way.
+        CancelledError: Cancel or Stop was pressed on the way.
     """
     if np.array_equal(here, goal):
         return

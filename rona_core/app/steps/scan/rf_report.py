@@ -50,7 +50,7 @@ def report_rf(
     Args:
         file: HDF5, .mat or .npz.
         speed_m_per_s: Sound speed in the plate.
-        probe: Name of the probe that took it; it only tells where the band is to be sought.
+        probe: Name of the probe that took it; it only says where the band is sought.
         progress: Receives the share that is done, 0 to 1.
         cancel: Asked between steps.
 

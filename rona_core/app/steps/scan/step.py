@@ -46,7 +46,7 @@ def retract(
     Raises:
         StepBlockedError: it stands clear of everything.
         NotReachableError: the joints or something in the way do not allow it; it says why.
-        CancelledError: somebody pressed Cancel or Stop on the way.
+        CancelledError: Cancel or Stop was pressed on the way.
     """
     model = robot_model(session.setup.devices.robot.model)
     stood = _where_it_rests(session, context)
@@ -62,7 +62,7 @@ def go_home(activity: StartHome, session: Session, context: ActivityContext) -> 
     Raises:
         StepBlockedError: it is at home.
         NotReachableError: there is no such motion, or the verifier refuses it; it says why.
-        CancelledError: somebody pressed Cancel or Stop on the way.
+        CancelledError: Cancel or Stop was pressed on the way.
     """
     home_rad = robot_model(session.setup.devices.robot.model).home_rad
     if same_place(_where_it_rests(session, context), home_rad):

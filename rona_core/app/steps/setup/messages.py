@@ -46,7 +46,7 @@ class SetBoneModel(BoneChoice):
 
 @message
 class SetWorld(WorldSettings):
-    """Choose how far the virtual patient and devices are from what is told of them.
+    """Choose how far the virtual patient and devices are from their stated values.
 
     Only they know it; what plans, calibrates and detects does not.
     """
@@ -145,7 +145,7 @@ class StartSkullImport:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StoreSkull:
-    """A skull was read from a file: an outcome, which nobody can post."""
+    """A skull was read from a file: an outcome, which cannot be posted."""
 
     skull: LoadedSkull
 
@@ -164,7 +164,7 @@ class SetContact(ContactSettings):
 class SetWorkcell:
     """Say where table and floor are and how far the robot keeps from what; boxes stay as they are.
 
-    Table and head are told from the place of work, where the scanned region is put up. A plan that
+    Table and head follow from the place of work, where the scanned region is put up. A plan that
     was made among other things becomes stale.
     """
 

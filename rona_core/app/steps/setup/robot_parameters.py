@@ -15,7 +15,7 @@ class RobotFigure:
     values: tuple[float, ...]
     unit: str
     trust: str
-    sourced: bool  # false: assumed, nobody states it
+    sourced: bool  # false: assumed, without a source
     source: str
 
 

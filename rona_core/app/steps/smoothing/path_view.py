@@ -42,7 +42,7 @@ class PathView:
     tolerance_mm: float
     exact: bool  # no path within the bound has fewer points
     by_hand: int  # changes by hand
-    preview: bool  # computed by a quick method while somebody drags
+    preview: bool  # computed by a quick method during a drag
 
 
 def path_view(session: Session) -> PathView | None:

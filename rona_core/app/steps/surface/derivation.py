@@ -19,7 +19,7 @@ def tip_track(
 ) -> Floats:
     """Return the pointer tip (k, 3) in ``base`` for every frame in which the pointer was seen.
 
-    Where the head has moved since step 4 the tip is led back to where it lay then.
+    The tip is corrected for the motion of the head since step 4.
 
     Raises:
         StepBlockedError: the stroke was made with another pointer.

@@ -35,7 +35,7 @@ class StrokeGrower:
         """Return the tip (k, 3) in ``base`` in all frames so far in which the pointer was seen.
 
         None of them while tool or pointer are not calibrated, or the tracker was moved and is not
-        found again: whoever builds the cloud is told.
+        found again: the builder of the cloud is notified.
         """
         new, self._n_frames = frames[self._n_frames :], len(frames)
         if new:

@@ -1,6 +1,6 @@
 """Find where a loaded skull lies in ``base``: the pointer's surface points laid onto its surface.
 
-What is used is the file, the region that somebody chose in it, and what the pointer measured. Where
+What is used is the file, the region that was chosen in it, and what the pointer measured. Where
 the virtual skull really lies is not known here.
 """
 

@@ -27,17 +27,14 @@ class ExpectedError:
     """One predicted error, a declared figure, beside its limit."""
 
     key: str
+    title: str
     sigma_mm: float
+    limit_mm: float
 
-    @property
-    def title(self) -> str:
-        """Title of the figure."""
-        return FIGURES[self.key].title
-
-    @property
-    def limit_mm(self) -> float:
-        """Limit of the figure."""
-        return limit_of(self.key)
+    @classmethod
+    def of(cls, key: str, sigma_mm: float) -> "ExpectedError":
+        """Return the value of a declared figure beside its title and limit."""
+        return cls(key, FIGURES[key].title, sigma_mm, limit_of(key))
 
     @property
     def good(self) -> bool:
@@ -90,11 +87,11 @@ def calibration_view(session: Session, step: Step) -> CalibrationView | None:
     marks = _marks(found.used, excluded)
     if step == "tool":
         expected = (
-            ExpectedError("tool_tip_sigma_mm", found.tip_sigma_mm),
-            ExpectedError("tracker_registration_sigma_mm", found.registration_sigma_mm),
+            ExpectedError.of("tool_tip_sigma_mm", found.tip_sigma_mm),
+            ExpectedError.of("tracker_registration_sigma_mm", found.registration_sigma_mm),
         )
     else:
-        expected = (ExpectedError("pointer_tip_sigma_mm", found.tip_sigma_mm),)
+        expected = (ExpectedError.of("pointer_tip_sigma_mm", found.tip_sigma_mm),)
     return CalibrationView(
         step=step,
         verdict=found.verdict,
@@ -109,7 +106,7 @@ def calibration_view(session: Session, step: Step) -> CalibrationView | None:
 
 
 def left_out(arguments: dict[str, Any]) -> tuple[int, ...]:
-    """Return the rows that a calibration was told to leave out."""
+    """Return the rows that a calibration leaves out on request."""
     return tuple(int(row) for row in arguments.get("exclude", ()))
 
 

@@ -25,7 +25,7 @@ from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.session.captures import ToolCapture
 from rona_core.session.memo import remember
 
-TOLD_SIGMAS = 3.0  # a delay smaller than this cannot be told from none, and is not corrected
+SIGNIFICANT_SIGMAS = 3.0  # a smaller delay is not significant, and is not corrected
 SETTLE_S = 0.1  # after the robot has stopped, before frames count
 
 
@@ -51,7 +51,7 @@ def tracker_delay(capture: ToolCapture, model: RobotModel) -> TimeOffset | None:
 def measured_times_s(capture: ToolCapture, model: RobotModel) -> Floats:
     """Return when the tracker measured each sample (k,) of its track, by the robot's clock."""
     delay, arrived_s = tracker_delay(capture, model), capture.marker.times_s
-    if delay is None or abs(delay.offset_s) <= TOLD_SIGMAS * delay.sigma_s:
+    if delay is None or abs(delay.offset_s) <= SIGNIFICANT_SIGMAS * delay.sigma_s:
         return arrived_s
     return arrived_s - delay.offset_s
 
@@ -59,7 +59,7 @@ def measured_times_s(capture: ToolCapture, model: RobotModel) -> Floats:
 def delay_words(delay: TimeOffset) -> tuple[str, str]:
     """Return who is behind whom and by how much, as people read it; a delay is never negative."""
     sigma_ms = max(1e3 * delay.sigma_s, 0.1)
-    if abs(delay.offset_s) <= TOLD_SIGMAS * delay.sigma_s:
+    if abs(delay.offset_s) <= SIGNIFICANT_SIGMAS * delay.sigma_s:
         return "Robot-tracker latency", f"none, ± {sigma_ms:.1f} ms"
     words = f"{1e3 * abs(delay.offset_s):.1f} ± {sigma_ms:.1f} ms"
     late = "Tracker" if delay.offset_s > 0.0 else "Robot joint"
@@ -158,7 +158,7 @@ def worse_half(tool: Floats, tip: Floats) -> Floats:
     """Return what links that are only shifted, or only turned, do to a tool.
 
     What is stated of a robot is the sum of both, which a registration feels alike. A tool feels the
-    last link: its shift goes into the tip, its turn hardly does. As nobody says how the sum is
+    last link: its shift goes into the tip, its turn hardly does. As no source says how the sum is
     shared, all of it is taken to be what moves the tip more.
 
     Args:

@@ -47,7 +47,7 @@ def record_tool_motion(
 
     Raises:
         NotReachableError: the motion is not certified, or there is no way to where it begins.
-        CancelledError: somebody pressed Cancel or Stop on the way there.
+        CancelledError: Cancel or Stop was pressed on the way there.
     """
     require_certified("the tool motion", plan.certificate, plan, model, around)
     drive_to(plan.qs_rad[0], session, context, model)

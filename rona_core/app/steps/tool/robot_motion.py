@@ -115,7 +115,7 @@ def drive_to(
 
     Raises:
         NotReachableError: there is no such motion, or the verifier refuses it; it says why.
-        CancelledError: somebody pressed Cancel or Stop on the way.
+        CancelledError: Cancel or Stop was pressed on the way.
     """
     if context.cancel():  # while what the robot is to do was planned
         raise CancelledError(STOPPED)

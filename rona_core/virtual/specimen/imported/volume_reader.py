@@ -57,7 +57,7 @@ def read_volume(path: Path, threshold: float | None, label: int | None = None) -
         raise refused("threshold and label at once", threshold=threshold, label=label)
     with open_voxels(path, name) as voxels:
         affine = voxels.T_mesh_voxel
-        mask, values = _told_apart(voxels, threshold, label, name)
+        mask, values = _labelled_pieces(voxels, threshold, label, name)
     low, high = values.low, values.high
     if low == high:
         raise refused("one value only", name=name, low=low)
@@ -113,7 +113,7 @@ class _Values:
         return ", ".join(f"{value:g}" for value in sorted(self.found))
 
 
-def _told_apart(
+def _labelled_pieces(
     voxels: Voxels, threshold: float | None, label: int | None, name: str
 ) -> tuple[Bools, _Values]:
     """Return the mask, of the highest value without threshold and label, and the values.

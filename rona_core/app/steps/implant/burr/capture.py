@@ -30,7 +30,7 @@ def capture_burr(
 
     Raises:
         NotReachableError: the arm does not reach all poses, or something is in the way.
-        CancelledError: somebody pressed Cancel or Stop before it was in the seat.
+        CancelledError: Cancel or Stop was pressed before it was in the seat.
     """
     model = milling_robot(session.setup.devices.robot.model)
     around = session_obstacles(session).without_touch()

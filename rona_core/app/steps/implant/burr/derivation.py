@@ -31,7 +31,7 @@ CHUCK_MM = 0.06
 GOOD_MM, WEAK_MM = limit_of("burr_tip_sigma_mm"), 1.0
 SCATTER_MM = 0.5  # of a tip that stayed in its seat; robots repeat ten times better
 FURTHEST_MM = 3.0  # a spindle so far off its drawing is not clamped as it should be
-TOLD_SIGMAS = 2.5  # 3D: robot and tracker this far apart do not speak of one tip
+SIGNIFICANT_SIGMAS = 2.5  # 3D: robot and tracker this far apart do not speak of one tip
 
 
 def register_burr(known: BurrInputs, message: RegisterBurr) -> BurrRegistration:
@@ -81,7 +81,7 @@ def _by_links(known: BurrInputs, qs_rad: Floats, found: SeatedTip) -> Floats:
 
 
 def _by_tracker(known: BurrInputs, markers: Poses) -> tuple[Floats, Floats] | None:
-    """Return the offset (3,) that the marker tells, and its covariance (3, 3); None if it does not.
+    """Return the offset (3,) by the marker, and its covariance (3, 3); None without one.
 
     The marker swings about the seat, and step 2 says where the drawn tip is in it. What the links
     of the robot do to step 2 they do to the seated tip, too, so it is not in the covariance.
@@ -118,7 +118,7 @@ def _judge(
     off_mm = float(np.linalg.norm(found.offset_tip))
     if off_mm > FURTHEST_MM:
         reasons.append(f"the tip is {off_mm:.1f} mm off its drawing: look how it is clamped")
-    if distance_mm is not None and distance_mm > TOLD_SIGMAS * (distance_sigma_mm or 0.0):
+    if distance_mm is not None and distance_mm > SIGNIFICANT_SIGMAS * (distance_sigma_mm or 0.0):
         reasons.append(
             f"the tracker puts the tip {distance_mm:.2f} mm elsewhere: look whether the marker "
             "has moved, and register the tool again (step 2)"

@@ -27,7 +27,7 @@ MIN_SIGMA_MM = 1e-3  # of a marker, where a perfect tracker leaves no scatter
 
 @dataclass(frozen=True, slots=True)
 class LandmarkOverride:
-    """Somebody decided that the robot may scan without a verification that passed."""
+    """The decision that the robot may scan without a verification that passed."""
 
     reason: str
 
