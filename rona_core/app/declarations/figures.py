@@ -188,13 +188,13 @@ SURFACE_AND_PATH = (
         "path_deviation_max_mm",
         "Max. path deviation",
         "mm",
-        "K1: the largest distance of a sample to the segment that replaces it and its neighbours. "
+        "the largest distance of a sample to the segment that replaces it and its neighbours. "
         "The samples are those that the simplifier was given, after filtering if that is on; one "
         "taken away by hand is measured to what stands in its place",
         of="smoothing",
         limit=1.0,
         source="the bound of the smoothing; its default is the paper's 1 mm; none where the bound "
-        "is one of RMS (K2) or area (K3)",
+        "is one of RMS or area",
         paper=1.0,
     ),
     Figure(
@@ -463,7 +463,7 @@ MAPS = (
         "mm",
         "predicted: standard deviation of a thickness; RMS over the sure A-scans of the root of "
         "the squared parts time of flight, speed of the patient (as far as studies differ), speed "
-        "from place to place, wedge of the inner table. Of the A-scans, not of the map: what "
+        "from place to place, lean of the inner table. Of the A-scans, not of the map: what "
         "interpolation adds stands in step 9",
         of="detection",
         limit=0.3,

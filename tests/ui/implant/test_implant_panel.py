@@ -1,5 +1,6 @@
 """Step 10 in its panel: verdict, figures, sliders that lay the bed, files of it."""
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -195,7 +196,8 @@ def test_what_cannot_be_exported_says_why(demo, astray, stale):
 def test_a_stale_bed_is_neither_green_nor_given_away(stale):
     assert {s.name: s.state for s in step_states(stale)}["implant"] == "stale"
     gui, _, _ = panel_of(snapshot(stale))
-    assert "r-note good" not in gui.html()
+    assert '<div class="r-note">BCI' in gui.html()
+    assert not re.search(r'r-note good">[^<]*BCI', gui.html())  # that of the burr may be
     assert not gui.find("folder", "Export").visible
 
 

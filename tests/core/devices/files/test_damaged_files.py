@@ -12,7 +12,7 @@ import pytest
 
 from rona_core.errors import RonaError
 from rona_core.session.files import session_from_bytes
-from tests.helpers.damaged_files import FORMATS, OLD, mutated
+from tests.helpers.damaged_files import FORMATS, SESSION, mutated
 
 pytestmark = pytest.mark.slow
 
@@ -46,7 +46,7 @@ def places(value, found):
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")  # numbers that overflow are refused after
 def test_only_errors_of_rona_escape_from_sealed_sessions():
     rng = np.random.default_rng(8)
-    with zipfile.ZipFile(OLD) as archive:
+    with zipfile.ZipFile(SESSION) as archive:
         members = {name: archive.read(name) for name in archive.namelist()}
     text = members.pop("manifest.json")
     arrays = [name for name in members if name.endswith(".npy")]
