@@ -189,7 +189,7 @@ def test_where_nobody_knows_the_scan_is_flagged(planned, message, reason):
     bench.run(StartScan())
     session = bench.session
     assert unwatched(session).startswith(reason)
-    assert head_report(session).sentence.startswith("Nobody knows whether the head moved")
+    assert head_report(session).sentence.startswith("It is not known whether the head moved")
     flagged = row(session, "head_motion_mm")
     assert flagged.verdict == "review"
     assert flagged.sentence.startswith(f"Head, motion during the scan: {reason}")
