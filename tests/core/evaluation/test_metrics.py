@@ -5,6 +5,7 @@ import pytest
 
 from rona_core.devices.settings import DeviceSettings
 from rona_core.geometry.pose import Pose, Poses
+from rona_core.session.document import Captures
 from tests.helpers.sphere_world import SphereSpecimen
 
 pytest.importorskip("rona_core.virtual.robot.robot", reason="there is no virtual robot")
@@ -44,9 +45,7 @@ def session_of(**results):
     return SimpleNamespace(
         setup=SimpleNamespace(devices=SETTINGS),
         results=SimpleNamespace(**filled, get=lambda name: None),
-        captures=SimpleNamespace(
-            tool=None, pointer=None, surface=(), path=None, scan=None, second=()
-        ),
+        captures=Captures(),
     )
 
 
