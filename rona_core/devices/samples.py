@@ -4,7 +4,7 @@ All times are seconds on the clock of the capture, which starts at 0.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 from typing import Literal, overload
 
@@ -250,6 +250,12 @@ class AScanTrack:
             sampling_mhz=first.sampling_mhz,
             start_us=first.start_us,
             clipped=readonly(np.concatenate([part.clipped for part in parts])),
+        )
+
+    def part(self, which: Bools) -> "AScanTrack":
+        """Return some of the A-scans (n,)."""
+        return replace(
+            self, times_s=self.times_s[which], rf=self.rf[which], clipped=self.clipped[which]
         )
 
     def __len__(self) -> int:

@@ -148,21 +148,32 @@ def error_field(settings: TrackerSettings) -> TrackerErrorField:
     return TrackerErrorField(FIELD_MM[settings.profile], settings.depth_ratio)
 
 
+def _registered(
+    tool: ToolRegistration | None,
+    place: TrackerPlace | None,
+    use_base_marker: bool,
+    field: TrackerErrorField,
+) -> Registered | None:
+    return None if tool is None else Registered(tool, place, use_base_marker, field)
+
+
 TRACKER_FIELD = Input(lambda s: error_field(s.setup.devices.tracker), "choose a tracker (step 1)")
+_BESIDE_TOOL = {
+    "place of the tracker": Input(
+        lambda s: None if s.captures.tool is None else s.captures.tool.tracker_place,
+        "register the tool (step 2)",
+        optional=True,
+    ),
+    "use of the base marker": Input(
+        lambda s: s.setup.use_base_marker, "choose the reference (step 1)"
+    ),
+    "field of the tracker": TRACKER_FIELD,
+}
 REGISTERED: Quantity[Registered] = Quantity(
-    Registered,
-    {
-        "tool": result_input("tool"),
-        "place of the tracker": Input(
-            lambda s: None if s.captures.tool is None else s.captures.tool.tracker_place,
-            "register the tool (step 2)",
-            optional=True,
-        ),
-        "use of the base marker": Input(
-            lambda s: s.setup.use_base_marker, "choose the reference (step 1)"
-        ),
-        "field of the tracker": TRACKER_FIELD,
-    },
+    Registered, {"tool": result_input("tool"), **_BESIDE_TOOL}
+)
+ANY_REGISTERED: Quantity[Registered] = Quantity(
+    _registered, {"tool": result_input("tool", optional=True), **_BESIDE_TOOL}, optional=True
 )
 
 

@@ -25,6 +25,7 @@ LEAST_MOTION_MM = 2.0  # RMS about the mean, below which a stream is at rest
 LEAST_CORRELATION = 0.9  # of two streams that show the same motion
 LEAST_OVERLAP_S = 1.0
 SAME_SHARE = 1e-4  # of the motion: two delays that leave this much alike are equally good
+SIGNIFICANT_SIGMAS = 3.0  # a smaller delay is not significant
 WORST_SIGMA = 0.1  # share of the searched range; a wider result says nothing
 
 
@@ -36,6 +37,21 @@ class TimeOffset:
     sigma_s: float  # standard deviation, from the sensitivity and the residuals
     correlation: float  # 0 to 1, between b and what a predicts for it
     overlap_s: float  # duration that was compared
+
+
+def tracker_delay_s(stated_s: float, behind_robot: TimeOffset | None) -> float:
+    """Return by how much later than it was measured a frame of the tracker arrives, as known.
+
+    The registration estimates by how much the tracker is later than the robot, whose joint angles
+    are late themselves: a lower bound. What the maker states counts where it is more.
+
+    Args:
+        stated_s: Delay that the maker states.
+        behind_robot: As the registration found it; None: it did not.
+    """
+    if behind_robot is None or behind_robot.offset_s <= SIGNIFICANT_SIGMAS * behind_robot.sigma_s:
+        return stated_s
+    return max(stated_s, behind_robot.offset_s)
 
 
 def estimate_time_offset(

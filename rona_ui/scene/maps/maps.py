@@ -5,7 +5,7 @@ import numpy as np
 from rona_core.app.steps.acoustics.view import ReferenceRow, reference_rows
 from rona_core.app.steps.boundaries.ascan_view import ScanName, scan_number_at, scan_poses
 from rona_core.app.steps.boundaries.handlers import DETECTIONS, detection_of_scan, scans_of
-from rona_core.app.steps.handheld.derivation import hand_poses
+from rona_core.app.steps.handheld.inputs import HAND_POSES
 from rona_core.app.steps.maps.view import SecondView, layers_of, second_cells, second_view
 from rona_core.geometry.arrays import Floats
 from rona_ui.presentation.colors import (
@@ -121,7 +121,7 @@ def scan_places(snapshot: Snapshot) -> Floats:
     if snapshot.scan != "hand":
         poses = scan_poses(snapshot.session, snapshot.scan)
         return NO_POINTS if poses is None else poses.translations
-    found = hand_poses(snapshot.session)
+    found = HAND_POSES.read(snapshot.session)
     if found is None:
         return NO_POINTS
     frame, poses = found

@@ -7,7 +7,7 @@ import numpy as np
 from rona_core.app.steps.boundaries.ascan_view import scan_number_at
 from rona_core.app.steps.boundaries.handlers import detection_of_scan
 from rona_core.app.steps.boundaries.messages import CorrectBoundary
-from rona_core.app.steps.handheld.derivation import hand_poses
+from rona_core.app.steps.handheld.inputs import HAND_POSES
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
 from rona_ui.panels.scan.ascan import AScanPanel
@@ -98,7 +98,7 @@ def test_without_any_scan_it_says_where_ascans_come_from():
 
 
 def test_places_are_drawn_from_the_marker_on_the_base_where_there_is_no_robot(session):
-    frame, poses = hand_poses(session)
+    frame, poses = HAND_POSES.read(session)
     assert frame == "basemarker"
     assert len(scan_places(snapshot(session, view=MAPS))) == 0, "not known where it is drawn"
     there = replace(ROOM, T_base_basemarker=T_BASE_MARKER)

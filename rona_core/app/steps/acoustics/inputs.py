@@ -4,7 +4,7 @@ from rona_core.app.declarations.inputs import Input, Quantity, given, inputs
 from rona_core.app.dependencies.inputs import capture_input, result_input
 from rona_core.app.dependencies.judge import usable
 from rona_core.app.steps.scan.inputs import KNOWN_MOUNTING, POSES
-from rona_core.app.steps.setup.inputs import BLOCK_PROBE, PROBE
+from rona_core.app.steps.setup.inputs import BLOCK_PROBE, HAND_PROBE, PROBE
 from rona_core.devices.settings import ProbeSettings
 from rona_core.geometry.pose import Poses
 from rona_core.session.captures import BlockCapture, ReferenceCapture
@@ -43,7 +43,9 @@ def probe_at_robot(
     return probe_model(settings).with_line_delay(mounting.line_delay_us)
 
 
-HELD_PROBE: Quantity[ProbeModel] = Quantity(probe_with_line, {"probe": PROBE, "line": KNOWN_LINE})
+HELD_PROBE: Quantity[ProbeModel] = Quantity(
+    probe_with_line, {"probe": HAND_PROBE, "line": KNOWN_LINE}
+)
 ROBOT_PROBE: Quantity[ProbeModel] = Quantity(
     probe_at_robot, {"probe": PROBE, "line": KNOWN_LINE, "mounting": KNOWN_MOUNTING}
 )

@@ -11,7 +11,7 @@ import numpy as np
 from rona_core.app.dependencies.inputs import required
 from rona_core.app.steps.acoustics.thickness_uncertainty import speed_of_maps
 from rona_core.app.steps.boundaries.handlers import detection_of_scan, scans_of
-from rona_core.app.steps.handheld.derivation import hand_poses
+from rona_core.app.steps.handheld.inputs import HAND_POSES
 from rona_core.app.steps.maps.further_passes import joined_poses
 from rona_core.app.steps.scan.inputs import PLACES, POSES
 from rona_core.app.steps.scan.planned_motion import replayed
@@ -89,7 +89,7 @@ def scan_poses(session: Session, scan: ScanName = "first") -> Poses | None:
     """
     captures = session.captures
     if scan == "hand":
-        found = None if captures.sono_scan is None else hand_poses(session)
+        found = HAND_POSES.read(session)
         return None if found is None else found[1]
     if captures.scan is None or not len(captures.scan.scans):
         return None

@@ -7,17 +7,21 @@ from rona_core.app.dependencies.inputs import require_result, required
 from rona_core.app.dependencies.staleness import made_of
 from rona_core.app.steps.acoustics.inputs import HELD_PROBE, ROBOT_PROBE
 from rona_core.app.steps.boundaries.messages import ClearBoundaryCorrections, CorrectBoundary
-from rona_core.app.steps.handheld.derivation import NOT_SEEN, posed_scans, spread
+from rona_core.app.steps.handheld.inputs import POSED
 from rona_core.app.steps.maps.further_passes import Passes, joined_scans
 from rona_core.devices.samples import AScanTrack
 from rona_core.errors import InvalidInputError, StepBlockedError
 from rona_core.session.captures import ScanCapture, SonoCapture
 from rona_core.session.document import Session
+from rona_core.session.memo import Memo
 from rona_core.ultrasound.detection.detect import Detection
 from rona_core.ultrasound.detection.manual_corrections import BoundaryEdits, ScanName, corrected
+from rona_core.ultrasound.detection.seen_scans import NOT_SEEN, spread
 
 CAPTURES = {"first": "scan", "second": "second", "hand": "sono_scan"}
 DETECTIONS = {"first": "detection", "second": "second_detection", "hand": "sono_detection"}
+
+_SPREAD: Memo[Detection | None] = Memo(4)
 
 
 def scans_of(session: Session, scan: ScanName) -> AScanTrack | None:
@@ -40,7 +44,8 @@ def detection_of_scan(session: Session, scan: ScanName = "first") -> Detection |
         return None
     found: Detection | None = derived.value
     if isinstance(capture, SonoCapture):
-        found = spread(derived.value, posed_scans(session, capture).known)
+        posed = required(POSED, session)
+        found = _SPREAD.get((derived.value, posed), lambda: spread(derived.value, posed.known))
     if found is None:
         return None  # of other A-scans: the delay of the tracker is another one now
     probe = required(HELD_PROBE, session) if scan == "hand" else required(ROBOT_PROBE, session)

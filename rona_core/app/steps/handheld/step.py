@@ -6,38 +6,26 @@ import numpy as np
 
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext, Message, Remedy
-from rona_core.app.declarations.inputs import Input
-from rona_core.app.dependencies.base_reference import found_again
-from rona_core.app.dependencies.inputs import capture_input, result_input
 from rona_core.app.dependencies.judge import by_verdict
 from rona_core.app.dependencies.staleness import capture_setup_digest
 from rona_core.app.messages.message import StoreCapture
-from rona_core.app.runtime.handling import compute_result, compute_several, record
+from rona_core.app.runtime.handling import compute, compute_result, record
 from rona_core.app.runtime.recording import begin, capture_hand, part_of
-from rona_core.app.steps.acoustics.inputs import KNOWN_LINE, KNOWN_SPEED
 from rona_core.app.steps.handheld import messages
 from rona_core.app.steps.handheld.derivation import (
-    derive_sono,
-    derive_sono_detection,
-    derive_sono_mapping,
-    derive_sono_maps,
+    calibrate_held_probe,
+    find_boundaries_by_hand,
+    map_scan_by_hand,
 )
+from rona_core.app.steps.handheld.inputs import CALIBRATION, PIVOT, SCAN, SPIN
 from rona_core.app.steps.setup import capture_parts as parts
-from rona_core.app.steps.setup.inputs import CHOOSE_REFERENCE, HAND_PROBE
 from rona_core.devices.samples import AScan, AScanTrack, ToolTrack, TrackerFrame
 from rona_core.devices.settings import SONO
 from rona_core.errors import CancelledError
 from rona_core.session.captures import SonoCapture
 from rona_core.session.document import Session
 
-PIVOT, SPIN = capture_input("sono_pivot"), capture_input("sono_spin")
-SCAN, CALIBRATION = capture_input("sono_scan"), result_input("sono")
-
 PIVOT_SHARE = 0.5  # of the time of a calibration, for the progress
-ANY_TOOL = result_input("tool", optional=True)
-ANY_SURFACE = result_input("surface", optional=True)
-EDITS = Input(lambda s: s.boundary_edits.of("hand"), "scan by hand (step 9)")
-REFERENCE = Input(lambda s: found_again(s, (s.captures.sono_scan,)), CHOOSE_REFERENCE)
 
 
 def record_calibration(
@@ -140,7 +128,7 @@ STEP = declare.Step(
         ),
         declare.Activity(
             messages.StartHandheldMapping,
-            compute_several(derive_sono_mapping),
+            compute,
             "Mapping the scan by hand",
             needs=(SCAN, CALIBRATION),
         ),
@@ -156,11 +144,10 @@ STEP = declare.Step(
         ),
     ),
     results=(
-        declare.Result(
+        declare.Result.of(
             "sono",
             messages.CalibrateHandheldProbe,
-            derive_sono,
-            {"pivot": PIVOT, "spin": SPIN},
+            calibrate_held_probe,
             "calibrate the SonoPointer (step 9)",
             judged=by_verdict(
                 Remedy(
@@ -169,34 +156,19 @@ STEP = declare.Step(
                 used=True,
             ),
         ),
-        declare.Result(
+        declare.Result.of(
             "sono_detection",
             messages.StartHandheldMapping,
-            derive_sono_detection,
-            {
-                "capture": SCAN,
-                "calibration": CALIBRATION,
-                "tool": ANY_TOOL,
-                "probe": HAND_PROBE,
-                "line": KNOWN_LINE,
-            },
+            find_boundaries_by_hand,
             "map the scan by hand",
+            settings=("method", "sound_speed_mm_per_us"),
         ),
-        declare.Result(
+        declare.Result.of(
             "sono_maps",
             messages.StartHandheldMapping,
-            derive_sono_maps,
-            {
-                "detection": result_input("sono_detection"),
-                "correction by hand": EDITS,
-                "calibration": CALIBRATION,
-                "capture": SCAN,
-                "tool": ANY_TOOL,
-                "surface": ANY_SURFACE,
-                "reference": REFERENCE,
-                "speed": KNOWN_SPEED,
-            },
+            map_scan_by_hand,
             "map the scan by hand",
+            settings=("sound_speed_mm_per_us", "cell_mm"),
         ),
     ),
     part_of="maps",

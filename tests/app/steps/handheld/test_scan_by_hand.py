@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from rona_core.app.declarations.figures import HANDHELD
+from rona_core.app.dependencies.inputs import required
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.runtime.recompute import replay
 from rona_core.app.runtime.session_step import Undo
-from rona_core.app.steps.handheld.derivation import sono_delay_s
+from rona_core.app.steps.handheld.inputs import DELAY
 from rona_core.app.steps.handheld.messages import (
     CalibrateHandheldProbe,
     StartHandheldCalibration,
@@ -127,7 +128,7 @@ def test_with_a_registered_robot_the_maps_are_in_its_base_and_the_delay_is_known
             bench.run(activity)
         made = bench.session.results.sono_maps.value
         assert made.frame == "base"
-        assert made.delay_s == sono_delay_s(bench.session)
+        assert made.delay_s == required(DELAY, bench.session)
         assert made.delay_s >= 0.014
         figures = bench.figures()
         assert figures["sono_outer_rms_mm"] < 0.6

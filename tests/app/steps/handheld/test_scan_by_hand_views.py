@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rona_core.app.dependencies.inputs import required
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.messages.message import StoreCapture
 from rona_core.app.runtime.handling import handle
@@ -19,7 +20,7 @@ from rona_core.app.steps.boundaries.ascan_view import (
 )
 from rona_core.app.steps.boundaries.handlers import detection_of_scan
 from rona_core.app.steps.boundaries.messages import ClearBoundaryCorrections, CorrectBoundary
-from rona_core.app.steps.handheld.derivation import NOT_SEEN, gathered, posed_scans, spread
+from rona_core.app.steps.handheld.inputs import POSED
 from rona_core.app.steps.handheld.messages import (
     StartHandheldCalibration,
     StartHandheldMapping,
@@ -32,6 +33,7 @@ from rona_core.errors import InvalidInputError, StepBlockedError
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
 from rona_core.ultrasound.detection.detect import NOMINAL_SPEED_MM_PER_US
+from rona_core.ultrasound.detection.seen_scans import NOT_SEEN, gathered, spread
 from tests.helpers.recordings import track_rows
 
 GAP = slice(40, 70)  # A-scans at which the tracker does not see the probe
@@ -69,7 +71,7 @@ def sure(session):
 
 def test_what_was_found_stands_at_the_numbers_of_the_capture(session):
     capture, held = session.captures.sono_scan, session.results.sono_detection.value
-    known = posed_scans(session, capture).known
+    known = required(POSED, session).known
     assert not known[GAP].any()
     assert len(held) == known.sum() < len(capture.scans)
     found = detection_of_scan(session, "hand")
@@ -149,7 +151,7 @@ def test_a_correction_makes_the_maps_by_hand_stale_and_goes_into_them(bench):
     assert stale_reason("sono_maps", bench.session) is None
     moved = np.linalg.norm(after.inner_points_base - before.inner_points_base, axis=1)
     assert np.flatnonzero(moved > 1e-6).tolist() == [
-        int(np.count_nonzero(posed_scans(session, session.captures.sono_scan).known[:i]))
+        int(np.count_nonzero(required(POSED, session).known[:i]))
     ]
     assert moved.max() == pytest.approx(0.5 * NOMINAL_SPEED_MM_PER_US / 2.0, rel=1e-6)
     assert all(row.same for row in replay(bench.session))
