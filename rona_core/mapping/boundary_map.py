@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.ndimage import map_coordinates
 
 from rona_core.geometry.arrays import Bools, Floats, readonly
 from rona_core.geometry.pose import Pose
@@ -26,6 +27,24 @@ class BoundaryMap:
         i, j = np.nonzero(self.ok)
         points = np.column_stack((self.u_mm[i], self.v_mm[j], self.height_mm[i, j]))
         return self.T_base_map @ points
+
+    def heights(self, points_map: Floats) -> Floats:
+        """Return the heights (n,) below points (n, 3), linear between cells."""
+        cells = self._cells(points_map)
+        found = map_coordinates(self.height_mm, cells, order=1, mode="nearest")
+        return np.asarray(found, dtype=np.float64)
+
+    def mapped_share(self, points_map: Floats) -> Floats:
+        """Return how much (n,), 0 to 1, of what lies below points (n, 3) is mapped."""
+        ok = self.ok.astype(np.float64)
+        found = map_coordinates(ok, self._cells(points_map), order=1, mode="constant")
+        return np.asarray(found, dtype=np.float64)
+
+    def _cells(self, points_map: Floats) -> Floats:
+        """Return where points (n, 3) are in the grid (2, n), counted in cells."""
+        cell_mm = self.u_mm[1] - self.u_mm[0]
+        origin = np.array((self.u_mm[0], self.v_mm[0]))
+        return ((points_map[:, :2] - origin) / cell_mm).T
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 
 from rona_core.app.steps.implant.burr.messages import StartBurrCapture
-from rona_core.app.steps.implant.milling_derivation import milling_model
 from rona_core.app.steps.implant.milling_motion import (
     milling_duration_s,
     milling_joints_at,
+    milling_model,
     milling_stale,
 )
 from rona_core.app.steps.maps.accuracy import map_accuracy

@@ -6,7 +6,7 @@ from typing import Any
 
 from rona_core.app.dependencies.step_states import StepState
 from rona_core.app.runtime.jobs import JobStatus
-from rona_core.app.steps.implant.view import MillingView
+from rona_core.app.steps.implant.bed_milling import MillingView
 from rona_core.app.steps.maps.comparison import MapComparison
 from rona_core.app.steps.maps.growing_map import GrowingMap
 from rona_core.devices.live import LiveState

@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from rona_core.app.steps.implant.bed_milling import MillingView
 from rona_core.app.steps.implant.implant_bed import LACKS, ImplantBed
-from rona_core.app.steps.implant.view import MillingView, outline_base
+from rona_core.app.steps.implant.view import outline_base
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.mesh import Mesh
 from rona_core.mapping.boundary_map import Maps

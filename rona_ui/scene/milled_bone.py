@@ -4,11 +4,12 @@ import time
 
 import numpy as np
 
-from rona_core.app.steps.implant.bone_left import BoneOverBed, bone_left_mm, bone_over_bed
+from rona_core.app.steps.implant.bone_left import bone_left_mm, bone_over_bed
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.mesh import Mesh
 from rona_core.geometry.pose import Pose
 from rona_core.mapping.boundary_map import BoundaryMap
+from rona_core.planning.robot_milling.bone_left import BoneOverBed
 from rona_ui.presentation.colors import BONE, BONE_RIM
 from rona_ui.presentation.shown import shown_milling
 from rona_ui.presentation.snapshot import Snapshot

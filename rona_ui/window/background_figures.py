@@ -8,7 +8,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from rona_core.app.runtime.workbench import Workbench
-from rona_core.app.steps.implant.view import MillingView, milling_view
+from rona_core.app.steps.implant.bed_milling import MillingView
+from rona_core.app.steps.implant.view import milling_view
 from rona_core.app.steps.maps.comparison import MapComparison, compare_with_truth
 from rona_core.devices.live import live_tracker_of
 from rona_core.devices.samples import TrackerFrame

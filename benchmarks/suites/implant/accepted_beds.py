@@ -16,7 +16,7 @@ from benchmarks.suites.implant.rehearsed_beds import GUARDS, laid, planned, task
 from rona_core.app.steps.implant.implant_bed import ImplantBed
 from rona_core.app.steps.implant.messages import StartBedSearch
 from rona_core.app.steps.implant.milling_motion import milling_plan_of
-from rona_core.app.steps.implant.rehearsal_task import FloorDetector, FloorScan, RaisedMilling
+from rona_core.app.steps.implant.rehearsal_task import FloorScan, RaisedMilling, floor_detector
 from rona_core.compose import milling_site, new_workbench
 from rona_core.errors import InvalidInputError, RonaError
 from rona_core.geometry.arrays import Floats
@@ -149,7 +149,7 @@ def _rehearsed(
     guarded: dict[str, Guarded] = {}
     for name in STOPPING:
         site = milling_site(session, count)
-        detector = FloorDetector(session, task.way.T_base_bed)
+        detector = floor_detector(session, task.way.T_base_bed)
         outcome = rehearse(task, site, detector, GUARDS[name])
         guarded[name] = Guarded(
             stopped=outcome.stopped,

@@ -15,9 +15,11 @@ import numpy as np
 from benchmarks.metric import Metric, Progress
 from benchmarks.suites.accuracy.next_lines import Rows, closer_rows, random_rows
 from rona_core.app.procedure import stages
-from rona_core.app.steps.implant.bed_lines import bed_hearing, derive_bed_lines
-from rona_core.app.steps.implant.derivation import derive_search
+from rona_core.app.runtime.deriving import read_inputs
+from rona_core.app.steps.implant.bed_lines import find_bed_lines, heard_around
+from rona_core.app.steps.implant.derivation import search_bed
 from rona_core.app.steps.implant.implant_bed import ImplantBed
+from rona_core.app.steps.implant.inputs import BedInputs, LinesInputs
 from rona_core.app.steps.implant.messages import StartBedLines, StartBedSearch
 from rona_core.app.steps.implant.view import floor_base
 from rona_core.app.steps.maps.accuracy import drawn_maps
@@ -29,6 +31,7 @@ from rona_core.evaluation.maps.bed_metrics import residual_mm
 from rona_core.evaluation.truth import truth_of
 from rona_core.geometry.arrays import Floats
 from rona_core.mapping.boundary_map import Maps
+from rona_core.planning.further_lines.best_lines import Hearing
 from rona_core.planning.placement.chance import chance_above
 from rona_core.session.document import Derived, Session
 from rona_core.session.files import load_session
@@ -87,15 +90,17 @@ def line_figures(session: Session) -> LineFigures | None:
     if session.results.maps is None:
         return None
     try:
-        held = derive_search(session, StartBedSearch(), progress=silent, cancel=never)
+        known = read_inputs(BedInputs, session)
+        held = search_bed(known, StartBedSearch(), progress=silent, cancel=never)
     except InvalidInputError:  # larger than what is mapped
         return None
     if held.placed is None or held.placed.residual_mm is None:
         return None
-    hearing = bed_hearing(session, held, drawn_maps(session, DRAWS, same_robot=True, grooves=True))
+    hearing = _heard(session, held)
     shift_mm = _limit_shift_mm(hearing.least_mm)
     held = replace(held, limit_mm=max(held.limit_mm + shift_mm, 0.0))
-    best = derive_bed_lines(_holding(session, held), StartBedLines(), progress=silent, cancel=never)
+    around = read_inputs(LinesInputs, _holding(session, held))
+    best = find_bed_lines(around, StartBedLines(), progress=silent, cancel=never)
     maps: Maps = session.results.maps.value
     generator = np.random.default_rng(session.setup.seed)
     length_mm = best.length_mm
@@ -160,9 +165,13 @@ def _scanned(session: Session, held: ImplantBed, rows: tuple[Row, ...]) -> Judge
         bench.close()
 
 
-def _judged(session: Session, held: ImplantBed) -> Judged:
+def _heard(session: Session, held: ImplantBed) -> Hearing:
     draws = drawn_maps(session, DRAWS, same_robot=True, grooves=True)
-    least = bed_hearing(session, held, draws).least_mm
+    return heard_around(read_inputs(LinesInputs, _holding(session, held)), draws)
+
+
+def _judged(session: Session, held: ImplantBed) -> Judged:
+    least = _heard(session, held).least_mm
     chance = chance_above(least, 0.0).probability
     true = residual_mm(floor_base(held), truth_of(session, build_virtual_rig(session.setup).scene))
     off = None if true is None else float(np.median(least)) + held.limit_mm - true

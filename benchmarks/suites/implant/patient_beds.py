@@ -13,20 +13,16 @@ import numpy as np
 from numpy.random import Generator
 from scipy.special import ndtri
 
+from rona_core.app.runtime.deriving import read_inputs
 from rona_core.app.steps.implant.burr.inputs import KNOWN_BURR
 from rona_core.app.steps.implant.burr.messages import StartBurrCapture
-from rona_core.app.steps.implant.derivation import (
-    LIFT_STEP_MM,
-    derive_search,
-    execution_error,
-    mapped_bone,
-    milling_settings,
-)
+from rona_core.app.steps.implant.derivation import LIFT_STEP_MM, mapped_bone, search_bed
 from rona_core.app.steps.implant.implant_bed import ImplantBed
+from rona_core.app.steps.implant.inputs import BedInputs
 from rona_core.app.steps.implant.messages import StartBedSearch
 from rona_core.app.steps.implant.view import FLOOR_MM
 from rona_core.compose import new_workbench
-from rona_core.devices.protocols import never
+from rona_core.devices.protocols import never, silent
 from rona_core.errors import InvalidInputError
 from rona_core.evaluation.maps.bed_metrics import residual_mm
 from rona_core.evaluation.truth import Truth
@@ -36,6 +32,7 @@ from rona_core.mapping.accuracy.probe_place import repeatability_mm
 from rona_core.planning.bed import Bed
 from rona_core.planning.implants.catalogue import CATALOGUE, implant_named
 from rona_core.planning.implants.implant import MOST_LIFT_MM
+from rona_core.planning.milling.burr_choice import milling_settings
 from rona_core.planning.milling.removal import planned_bed
 from rona_core.planning.placement.chance import chance_above
 from rona_core.planning.placement.evaluate import judge_placement
@@ -109,8 +106,9 @@ def drawn_beds(patient: Patient, generator: Generator, count: int) -> Iterator[T
 
     A place where the bed is not wholly mapped, or where no limit gives that level, is drawn again.
     """
-    bone = mapped_bone(patient.session)
-    problem = PlacementProblem(bone, execution_error(patient.session))
+    known = read_inputs(BedInputs, patient.session)
+    bone = mapped_bone(known.maps, known.terms)
+    problem = PlacementProblem(bone, known.execution)
     cells = bone.places_mm()[bone.ok]
     for _ in range(count if len(cells) else 0):
         level = float(generator.uniform(*ndtri(LEVELS)))
@@ -138,9 +136,8 @@ def searched_beds(patient: Patient, generator: Generator, required: float) -> It
                 break
             message = StartBedSearch(implant=name, probability=required, lift_mm=lift_mm)
             try:
-                held = derive_search(
-                    patient.session, message, progress=lambda share: None, cancel=never
-                )
+                known = read_inputs(BedInputs, patient.session)
+                held = search_bed(known, message, progress=silent, cancel=never)
             except InvalidInputError:  # larger than what is mapped, so no other lift helps
                 yield Search(patient.number, name, False, None)
                 break

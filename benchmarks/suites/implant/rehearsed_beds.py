@@ -8,15 +8,14 @@ import numpy as np
 from numpy.random import Generator
 
 from rona_core.app.runtime.handling import compute_result
+from rona_core.app.steps.implant.bed_milling import robot_path_of
 from rona_core.app.steps.implant.implant_bed import ImplantBed, PlacedBed
 from rona_core.app.steps.implant.messages import PlaceBed, PlanMilling
-from rona_core.app.steps.implant.milling_derivation import milling_model, robot_path_of
-from rona_core.app.steps.implant.milling_motion import milling_plan_of
+from rona_core.app.steps.implant.milling_motion import milling_model, milling_plan_of
 from rona_core.app.steps.implant.rehearsal_task import (
-    FloorDetector,
     FloorScan,
     RaisedMilling,
-    burr_way,
+    floor_detector,
     milling_task,
     task_along,
 )
@@ -27,6 +26,7 @@ from rona_core.evaluation.milling.milled_bed import Seated, seated
 from rona_core.geometry.arrays import Floats
 from rona_core.planning.implants.implant import MOST_LIFT_MM
 from rona_core.planning.placement.seat import Placement
+from rona_core.planning.rehearsal.burr_way import burr_way
 from rona_core.planning.rehearsal.rehearse import Guards, MillingTask, rehearse
 from rona_core.robot.redundancy.margins import joint_path
 from rona_core.robot.redundancy.result import RollVerdict
@@ -118,7 +118,7 @@ def planned(session: Session) -> Session:
 
 def _rehearsed(number: int, session: Session, task: MillingTask, name: str, bed: int) -> Rehearsed:
     site = milling_site(session, bed)
-    detector = FloorDetector(session, task.way.T_base_bed)
+    detector = floor_detector(session, task.way.T_base_bed)
     outcome = rehearse(task, site, detector, GUARDS[name])
     off = mapped_off = np.zeros(0)
     if outcome.measured is not None and site.scanned_mm is not None:
@@ -193,4 +193,5 @@ def task_with_roll(
     qs = joint_path(path5d_at(cutting, ways), model, roll_rad, verdict.branch)
     feeds = cutting.feeds_mm_per_s[cutting.moves_at(ways)]
     times_s = np.cumsum(np.diff(ways, prepend=0.0) / feeds)
-    return task_along(session, burr_way(view, ways, qs, times_s), raised, scan)
+    way = burr_way(robot_path_of(view), view.path.layers, ways, qs, times_s)
+    return task_along(session, way, raised, scan)

@@ -2,6 +2,7 @@
 
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.report.page import Html, badge, facts, joined, note, table, tag
+from rona_core.app.steps.implant.bed_milling import MillingView
 from rona_core.app.steps.implant.implant_bed import ImplantBed, PlacedBed
 from rona_core.app.steps.implant.milling_motion import milling_stale
 from rona_core.app.steps.implant.milling_plan import MillingPlan, milling_verdict
@@ -11,7 +12,7 @@ from rona_core.app.steps.implant.rehearsal import (
     rehearsal_stale,
     rehearsal_verdict,
 )
-from rona_core.app.steps.implant.view import MillingView, milling_view, percent, verdict
+from rona_core.app.steps.implant.view import milling_view, percent, verdict
 from rona_core.session.document import Session
 
 NO_ROBOT = "No robot has been asked whether it can mill it."

@@ -5,11 +5,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.steps.implant.milling_derivation import milling_model, raised_view
-from rona_core.app.steps.implant.milling_motion import require_certified
+from rona_core.app.steps.implant.bed_milling import MillingView, burr_way_of, raised_view
+from rona_core.app.steps.implant.milling_motion import milling_model, require_certified
 from rona_core.app.steps.implant.rehearsal import Rehearsal
-from rona_core.app.steps.implant.rehearsal_task import burr_way
-from rona_core.app.steps.implant.view import MillingView, milling_view
+from rona_core.app.steps.implant.view import milling_view
 from rona_core.evaluation.figures import Figures
 from rona_core.evaluation.milling.milled_bed import seated
 from rona_core.evaluation.truth import Truth
@@ -60,7 +59,7 @@ def milled_again(
     """
     _, motion = require_certified(session)
     view = milling_view(session)
-    way = burr_way(view, motion.path_mm, motion.qs_rad, motion.times_s)
+    way = burr_way_of(view, motion)
     rows, pause = np.arange(len(way)), int(np.searchsorted(way.layers, found.pause, side="right"))
     first, rest = way.part(rows < pause), way.part(rows >= pause)
     if found.ceiling_mm is not None:
@@ -84,4 +83,4 @@ def _raised(view: MillingView, found: Rehearsal, planned: BurrWay) -> BurrWay:
     left = None if ceiling is None else raised_view(view, found.pause, ceiling)
     if left is None or motion is None:
         return planned.part(np.zeros(len(planned), dtype=np.bool_))
-    return burr_way(left, motion.path_mm, motion.qs_rad, motion.times_s)
+    return burr_way_of(left, motion)

@@ -1,7 +1,8 @@
 """Figures of a bed as HTML: lifts that were tried, bone, rim, screws, milling."""
 
+from rona_core.app.steps.implant.bed_milling import MillingView
 from rona_core.app.steps.implant.implant_bed import ImplantBed, PlacedBed
-from rona_core.app.steps.implant.view import MillingView, percent, verdict
+from rona_core.app.steps.implant.view import percent, verdict
 from rona_ui.panels.widgets import style
 
 Rows = list[tuple[str, str]]

@@ -3,9 +3,9 @@
 from dataclasses import replace
 from typing import Any
 
+from rona_core.app.steps.implant.bed_milling import MillingView
 from rona_core.app.steps.implant.implant_bed import ImplantBed
 from rona_core.app.steps.implant.messages import StartBedSearch
-from rona_core.app.steps.implant.view import MillingView
 from rona_core.app.steps.maps.view import layers_of
 from rona_ui.panels.implant.burr import BurrFields
 from rona_ui.panels.implant.by_hand import ASKED, ByHandFolder

@@ -5,15 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rona_core.app.dependencies.inputs import required
 from rona_core.app.dependencies.judge import blocked, judge_part
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.runtime.recompute import replay
 from rona_core.app.steps.implant.burr.inputs import KNOWN_BURR
 from rona_core.app.steps.implant.burr.messages import RegisterBurr, StartBurrCapture
 from rona_core.app.steps.implant.burr.view import burr_words
-from rona_core.app.steps.implant.derivation import execution_error
+from rona_core.app.steps.implant.inputs import EXECUTION
 from rona_core.app.steps.implant.messages import PlaceBed
-from rona_core.app.steps.implant.milling_derivation import milling_model
+from rona_core.app.steps.implant.milling_motion import milling_model
 from rona_core.app.steps.implant.rehearsal_task import FloorScan, RaisedMilling, milling_task
 from rona_core.app.steps.implant.view import UNREGISTERED, milling_view, placed_turns, verdict
 from rona_core.app.steps.setup.messages import SetSeed, SetWorld
@@ -112,7 +113,7 @@ def test_without_it_a_bed_is_less_sure_and_the_verdict_says_why(demo, bench):
     assert UNREGISTERED not in verdict(known)
     assert known.burr_sigma_mm == burr_of(demo).tip_sigma_mm
     assert missed.burr_sigma_mm is None
-    assert execution_error(other.session).depth_mm > 2.0 * execution_error(demo).depth_mm
+    assert required(EXECUTION, other.session).depth_mm > 2.0 * required(EXECUTION, demo).depth_mm
 
 
 def test_registering_it_again_makes_bed_and_milling_stale(bench):

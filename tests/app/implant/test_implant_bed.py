@@ -5,19 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rona_core.app.dependencies.inputs import required
 from rona_core.app.dependencies.judge import blocked
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.messages.serialization import message_from
-from rona_core.app.steps.implant.derivation import (
-    derive_search,
-    execution_error,
-    milling_settings,
-)
+from rona_core.app.steps.implant.inputs import EXECUTION
 from rona_core.app.steps.implant.messages import BURRS_MM, PlaceBed, StartBedSearch
 from rona_core.app.steps.implant.view import floor_base, milling_view, percent, verdict
 from rona_core.app.steps.setup.messages import SetProbe
-from rona_core.devices.protocols import never, silent
 from rona_core.errors import (
     CancelledError,
     InvalidInputError,
@@ -26,9 +22,11 @@ from rona_core.errors import (
 )
 from rona_core.mapping.accuracy.probe_place import repeatability_mm
 from rona_core.planning.implants.catalogue import implant_named
+from rona_core.planning.milling.burr_choice import milling_settings
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
 from rona_core.session.files import session_bytes, session_from_bytes
+from tests.helpers.derived import derived
 
 
 def bed_of(session):
@@ -109,13 +107,13 @@ def test_the_same_search_finds_the_same_bed_and_can_be_cancelled(demo):
     held = demo.results.get("bed")
     message = message_from(held.message, dict(held.arguments))
     shares = []
-    found = derive_search(demo, message, progress=shares.append, cancel=never)
+    found = derived("bed", demo, message, progress=shares.append)
     np.testing.assert_allclose(found.probability, held.value.probability, atol=1e-6)
     assert found.placed.placement == held.value.placed.placement
     assert [one.lift_mm for one in found.tried] == [one.lift_mm for one in held.value.tried]
     assert shares == sorted(shares)
     with pytest.raises(CancelledError):
-        derive_search(demo, message, progress=silent, cancel=lambda: True)
+        derived("bed", demo, message, cancel=lambda: True)
 
 
 def test_it_is_saved_and_becomes_stale_with_the_maps(demo, bench):
@@ -163,14 +161,14 @@ def test_the_burr_is_the_largest_that_goes_in_or_the_one_that_was_asked_for():
 
 def test_the_burr_counts_as_known_as_it_was_registered(demo):
     burr = demo.results.get("burr")
-    error = execution_error(demo)
+    error = required(EXECUTION, demo)
     again_mm = repeatability_mm(demo.setup.devices.robot.model)
     along_mm = burr.value.tip_sigma_mm / np.sqrt(3.0)
     assert error.depth_mm == pytest.approx(np.hypot(along_mm, again_mm))
     assert error.lateral_mm == error.depth_mm
     doubled = replace(burr.value, tip_sigma_mm=2.0 * burr.value.tip_sigma_mm)
     other = demo.with_result("burr", replace(burr, value=doubled))
-    assert execution_error(other).depth_mm > 1.9 * error.depth_mm
+    assert required(EXECUTION, other).depth_mm > 1.9 * error.depth_mm
 
 
 @pytest.mark.parametrize(

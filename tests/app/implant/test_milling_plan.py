@@ -12,14 +12,15 @@ from rona_core.app.dependencies.judge import blocked
 from rona_core.app.dependencies.staleness import session_obstacles, stale_reason
 from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.steps.implant import milling_motion as milling_motion_module
+from rona_core.app.steps.implant.bed_milling import robot_path_of
 from rona_core.app.steps.implant.bone_left import bone_left_mm, bone_over_bed
 from rona_core.app.steps.implant.export import EXPORTS, MOTIONS, offered
 from rona_core.app.steps.implant.messages import PlanMilling
-from rona_core.app.steps.implant.milling_derivation import milling_model, robot_path_of
 from rona_core.app.steps.implant.milling_motion import (
     layer_at,
     milling_duration_s,
     milling_joints_at,
+    milling_model,
     milling_motion,
     milling_plan_of,
     require_certified,

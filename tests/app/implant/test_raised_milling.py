@@ -7,14 +7,10 @@ import pytest
 
 from rona_core.app.dependencies.staleness import session_obstacles
 from rona_core.app.steps.implant import rehearsal, rehearsal_task
+from rona_core.app.steps.implant.bed_milling import raised_view, robot_path_of
 from rona_core.app.steps.implant.messages import RehearseMilling
-from rona_core.app.steps.implant.milling_derivation import (
-    milling_model,
-    plan_view,
-    raised_view,
-    robot_path_of,
-)
-from rona_core.app.steps.implant.milling_motion import require_certified
+from rona_core.app.steps.implant.milling_derivation import plan_view
+from rona_core.app.steps.implant.milling_motion import milling_model, require_certified
 from rona_core.app.steps.implant.rehearsal import derive_rehearsal, rehearsal_ok, rehearsal_verdict
 from rona_core.app.steps.implant.rehearsal_task import FloorScan, RaisedMilling, milling_task
 from rona_core.app.steps.implant.view import milling_view

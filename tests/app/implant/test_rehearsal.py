@@ -15,10 +15,9 @@ from rona_core.app.steps.implant.rehearsal import (
     rehearsal_verdict,
 )
 from rona_core.app.steps.implant.rehearsal_task import (
-    STEP_MM,
-    FloorDetector,
     FloorScan,
     RaisedMilling,
+    floor_detector,
     milling_task,
 )
 from rona_core.app.steps.implant.view import milling_view
@@ -27,6 +26,7 @@ from rona_core.compose import milling_site, new_workbench, virtual_services
 from rona_core.errors import CancelledError, StepBlockedError
 from rona_core.evaluation.metrics import evaluate
 from rona_core.evaluation.milling.rehearsal_metrics import milled_again
+from rona_core.planning.rehearsal.burr_way import STEP_MM
 from rona_core.planning.rehearsal.rehearse import rehearse
 from rona_core.session.codec import digest
 from rona_core.session.files import session_bytes, session_from_bytes
@@ -134,7 +134,7 @@ def test_without_a_virtual_patient_there_is_no_bone_to_rehearse_on(milled, tmp_p
 def test_the_burr_goes_the_same_way_once_more_for_the_figures(rehearsed):
     found, site = rehearsal_of(rehearsed), milling_site(rehearsed, 1)
     task = milling_task(rehearsed, raiser(rehearsed), FloorScan(rehearsed))
-    rehearse(task, site, FloorDetector(rehearsed, task.way.T_base_bed))
+    rehearse(task, site, floor_detector(rehearsed, task.way.T_base_bed))
     again = milled_again(rehearsed, found, site._scene)
     np.testing.assert_array_equal(again.least_mm, site.least_mm)
     np.testing.assert_array_equal(again.left_bone().top_mm, site.left_bone().top_mm)

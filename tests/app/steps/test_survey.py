@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import rona_core.app
+from rona_core.app.dependencies.base_reference import REGISTERED
 from rona_core.app.dependencies.inputs import required
 from rona_core.app.dependencies.staleness import input_digests, stale_reason
 from rona_core.app.runtime.session_step import Undo
@@ -17,16 +18,13 @@ from rona_core.app.steps.acoustics.messages import (
     StartCaliperMeasurements,
     StartDelayLineCapture,
 )
-from rona_core.app.steps.handheld.derivation import (
-    hand_poses,
-    hand_reference,
-    posed_scans,
-)
+from rona_core.app.steps.handheld.inputs import HAND_POSES, POSED
 from rona_core.app.steps.handheld.messages import (
     StartHandheldCalibration,
     StartHandheldMapping,
     StartHandheldScan,
 )
+from rona_core.app.steps.handheld.places import hand_reference
 from rona_core.app.steps.maps import derivation
 from rona_core.app.steps.maps.further_passes import joined_poses
 from rona_core.app.steps.maps.messages import StartMapping
@@ -80,7 +78,7 @@ def asked(monkeypatch):
 def passes(session):
     """Return how each kind of scan is detected, what asks for it, its A-scans and its poses."""
     hand = session.captures.sono_scan
-    posed = posed_scans(session, hand)
+    posed = required(POSED, session)
     return {
         "first": (
             "detection",
@@ -103,7 +101,7 @@ def passes(session):
                 rf=hand.scans.rf[posed.known],
                 clipped=hand.scans.clipped[posed.known],
             ),
-            hand_poses(session),
+            HAND_POSES.read(session),
         ),
     }
 
@@ -112,8 +110,10 @@ def passes(session):
 @pytest.mark.parametrize("speed", [None, 2.75])
 def test_every_kind_of_scan_gives_detection_all_that_is_known(measured, asked, name, speed):
     session = measured
-    posed = posed_scans(session, session.captures.sono_scan)
-    frame, T_base_tracker, _ = hand_reference(session, session.captures.sono_scan)
+    posed = required(POSED, session)
+    frame, T_base_tracker, _ = hand_reference(
+        session.captures.sono_scan, required(REGISTERED, session)
+    )
     assert frame == "base"
     mounted = session.results.sono.value.T_sonomarker_probe
     result, message, scans, Ts_base_probe = passes(session)[name]
@@ -142,14 +142,15 @@ def test_every_kind_of_scan_gives_detection_all_that_is_known(measured, asked, n
 def test_detection_is_called_at_one_place_for_all_scans():
     folder = Path(rona_core.app.__file__).parent
     callers = set()
-    for path in (*folder.rglob("*.py"), *(folder.parent / "mapping").rglob("*.py")):
+    rooms = (folder, folder.parent / "mapping", folder.parent / "planning")
+    for path in (path for room in rooms for path in room.rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text())):
             called = node.func if isinstance(node, ast.Call) else None
             if isinstance(called, ast.Name) and called.id == "detect":
                 callers.add(path.stem)
     # the touch-down of a scan is timed before anything is known of its poses;
     # the floor of a rehearsed bed is listened to without any survey in the session
-    assert callers == {"derivation", "probe_poses", "rehearsal_task"}
+    assert callers == {"derivation", "probe_poses", "floor_detector"}
     assert [part.name for part in fields(derivation.Survey)] == [
         "scans",
         "poses",

@@ -1,36 +1,14 @@
-"""Bone over a bed while it is milled: the mapped outer boundary, less what the burr has taken."""
+"""Bone over the bed of step 10 while its milling is replayed."""
 
-from dataclasses import dataclass, replace
-
-import numpy as np
-from scipy.ndimage import map_coordinates
-
-from rona_core.app.dependencies.inputs import require_result
-from rona_core.app.steps.implant.milling_derivation import robot_path_of
+from rona_core.app.dependencies.inputs import required
+from rona_core.app.steps.implant.bed_milling import robot_path_of
 from rona_core.app.steps.implant.milling_motion import way_at
-from rona_core.app.steps.implant.view import MillingView, boundary_heights, grid_cells, milling_view
-from rona_core.geometry.arrays import Bools, Floats, readonly
-from rona_core.mapping.boundary_map import BoundaryMap, Maps
-from rona_core.planning.milling.milling_path import MillingPath
-from rona_core.planning.milling.removal import lowest_mm
+from rona_core.app.steps.implant.view import milling_view
+from rona_core.app.steps.maps.inputs import MAPS
+from rona_core.geometry.arrays import Floats
+from rona_core.planning.robot_milling.bone_left import BoneOverBed, bone_left, bone_over
 from rona_core.session.document import Session
 from rona_core.session.memo import Memo
-
-CELL_MM = 0.4
-AROUND_MM = 2.0  # of the bed; more than a cell of the maps, so that both surfaces meet
-TURNS = 3  # until a height in the leaning frame of the bed is found
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class BoneOverBed:
-    """Surface of the bone over a bed as it was mapped, and how low the burr comes, in ``bed``."""
-
-    x_mm: Floats  # (nx,) evenly spaced
-    y_mm: Floats  # (ny,)
-    surface_mm: Floats  # (nx, ny) of the outer boundary
-    ok: Bools  # (nx, ny) it is mapped there
-    lowest_mm: Floats  # (layers + 1, nx, ny) before the first layer, and after each; else infinity
-
 
 _BONES: Memo[BoneOverBed] = Memo(2)
 
@@ -42,9 +20,10 @@ def bone_over_bed(session: Session) -> BoneOverBed:
         StepBlockedError: there is no bed, or it does not lie wholly in the maps.
         StaleResultError: it is of other maps.
     """
-    view = milling_view(session)
-    maps: Maps = require_result(session.results.maps, "map the boundaries (step 9)").value
-    return _BONES.get((view, maps), lambda: _bone(view, maps.outer))
+    view, maps = milling_view(session), required(MAPS, session)
+    return _BONES.get(
+        (view, maps), lambda: bone_over(view.bed, view.path, view.placed.T_base_bed, maps.outer)
+    )
 
 
 def bone_left_mm(session: Session, share: float) -> Floats | None:
@@ -59,50 +38,5 @@ def bone_left_mm(session: Session, share: float) -> Floats | None:
     way_mm = way_at(session, share)
     if way_mm is None:
         return None
-    view, bone = milling_view(session), bone_over_bed(session)
-    done, part = _so_far(view, way_mm)
-    lowest = np.minimum(bone.lowest_mm[done], lowest_mm(part, bone.x_mm, bone.y_mm))
-    return np.minimum(bone.surface_mm, lowest)
-
-
-def _bone(view: MillingView, outer: BoundaryMap) -> BoneOverBed:
-    x_mm, y_mm = (
-        readonly(np.arange(along[0] - AROUND_MM, along[-1] + AROUND_MM, CELL_MM))
-        for along in (view.bed.x_mm, view.bed.y_mm)
-    )
-    x, y = np.meshgrid(x_mm, y_mm, indexing="ij")
-    T_map_bed = outer.T_base_map.inv() @ view.placed.T_base_bed
-    z = np.zeros(x.shape)
-    points_map = T_map_bed @ np.stack((x, y, z), axis=-1).reshape(-1, 3)
-    for _ in range(TURNS):
-        z -= (points_map[:, 2] - boundary_heights(outer, points_map)).reshape(x.shape)
-        points_map = T_map_bed @ np.stack((x, y, z), axis=-1).reshape(-1, 3)
-    mapped = map_coordinates(
-        outer.ok.astype(np.float64), grid_cells(outer, points_map), order=1, mode="constant"
-    )
-    path, lowest = view.path, [np.full(x.shape, np.inf)]
-    for layer in range(int(path.layers[-1]) + 1):
-        first, end = np.searchsorted(path.layers, (layer, layer + 1))
-        taken = lowest_mm(path.part(max(int(first) - 1, 0), int(end)), x_mm, y_mm)
-        lowest.append(np.minimum(lowest[-1], taken))
-    return BoneOverBed(
-        x_mm,
-        y_mm,
-        readonly(z),
-        readonly(mapped.reshape(x.shape) > 0.99),
-        readonly(np.stack(lowest)),
-    )
-
-
-def _so_far(view: MillingView, way_mm: float) -> tuple[int, MillingPath]:
-    """Return how many layers are done at a way of the robot's path, and what of the next one is."""
-    path, robot = view.path, robot_path_of(view)
-    move = int(robot.cutting.moves_at(np.array((way_mm,)))[0])
-    place = int(robot.places[move])
-    passed = place + (move in robot.cutting.rests)  # a rest is put in after the place it follows
-    layer = int(path.layers[place])
-    first = max(int(np.searchsorted(path.layers, layer)) - 1, 0)
-    now = robot.cutting.at(np.array((way_mm,)))
-    here = replace(path.part(place, place + 1), tips_bed=now.tips_bed, axes_bed=now.axes_bed)
-    before = path.part(first, passed) if passed > first else None
-    return layer, here if before is None else before.followed_by(here)
+    view = milling_view(session)
+    return bone_left(bone_over_bed(session), view.path, robot_path_of(view), way_mm)

@@ -2,30 +2,28 @@
 
 import numpy as np
 
-from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.runtime.free_memory import release_memory
-from rona_core.app.steps.implant.burr.inputs import KNOWN_BURR
 from rona_core.app.steps.implant.implant_bed import LACKS, ImplantBed, PlacedBed, TriedLift
-from rona_core.app.steps.implant.messages import BURRS_MM, Corners, PlaceBed, StartBedSearch
-from rona_core.app.steps.maps.accuracy import drawn_maps
+from rona_core.app.steps.implant.inputs import BedInputs
+from rona_core.app.steps.implant.messages import Corners, PlaceBed, StartBedSearch
+from rona_core.app.steps.maps.accuracy import draws_of
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.errors import CancelledError, InvalidInputError
-from rona_core.mapping.accuracy.probe_place import SEAT_MM, repeatability_mm
+from rona_core.mapping.accuracy.map_terms import MapTerms
+from rona_core.mapping.boundary_map import Maps
 from rona_core.path.zones import Zone
 from rona_core.planning.implants.catalogue import implant_named
-from rona_core.planning.implants.implant import MOST_LIFT_MM, Implant
-from rona_core.planning.milling.burr import ball
+from rona_core.planning.implants.implant import MOST_LIFT_MM
+from rona_core.planning.milling.burr_choice import milling_settings
 from rona_core.planning.milling.removal import planned_bed
-from rona_core.planning.milling.settings import BALL_2, MillingSettings
 from rona_core.planning.placement.evaluate import judge_placement
 from rona_core.planning.placement.figures import PlacementFigures, Shortfall
 from rona_core.planning.placement.mapped_bone import MappedBone
 from rona_core.planning.placement.problem import PlacementProblem
 from rona_core.planning.placement.search import search_placements
 from rona_core.planning.placement.seat import Placement
-from rona_core.planning.placement.settings import ExecutionError, PlacementLimits
+from rona_core.planning.placement.settings import PlacementLimits
 from rona_core.planning.placement.solid_points import solid_points
-from rona_core.session.document import Session
 from rona_core.session.memo import Memo
 
 DRAWS = 200  # of the maps
@@ -35,72 +33,32 @@ SHARE_OF_DRAWS = 0.3  # of the time of a search
 _BONES: Memo[MappedBone] = Memo(2)  # drawn for long, and asked at every step of a drag
 
 
-def mapped_bone(session: Session) -> MappedBone:
+def mapped_bone(maps: Maps, terms: MapTerms | None) -> MappedBone:
     """Return the maps and their draws, for the robot that made them.
 
     Raises:
-        StepBlockedError: nothing was mapped.
-        StaleResultError: the maps are out of date.
+        StaleResultError: there are no terms, as the maps are of other A-scans.
     """
-    maps = require_result(session.results.maps, "map the boundaries (step 9)")
-    return _BONES.get((maps, session.captures), lambda: _drawn(session))
+    return _BONES.get((maps, terms), lambda: _drawn(maps, terms))
 
 
-def _drawn(session: Session) -> MappedBone:
-    draws = drawn_maps(session, DRAWS, same_robot=True, grooves=True)
+def _drawn(maps: Maps, terms: MapTerms | None) -> MappedBone:
+    draws = draws_of(maps, terms, DRAWS, same_robot=True, grooves=True)
     return MappedBone(draws.maps, draws.outer_mm, draws.inner_mm)
 
 
-def execution_error(session: Session) -> ExecutionError:
-    """Return how well the robot that made the maps mills a bed in the posture of the scan.
-
-    The tip of the burr counts as known as it was registered, and as it comes again. Without a
-    registration the spindle is clamped by hand, as the probe is: it may be off as far as that.
-    """
-    burr = KNOWN_BURR.read(session)
-    along_mm = SEAT_MM if burr is None else burr.tip_sigma_mm / np.sqrt(3.0)
-    sigma_mm = float(np.hypot(along_mm, repeatability_mm(session.setup.devices.robot.model)))
-    return ExecutionError(depth_mm=sigma_mm, lateral_mm=sigma_mm)
-
-
-def milling_settings(implant: Implant, burr_mm: float | None) -> MillingSettings:
-    """Return how a bed is milled: with a ball of this diameter, else the largest that goes in.
-
-    Raises:
-        InvalidInputError: no burr goes into the bed.
-    """
-    *larger, last = BURRS_MM if burr_mm is None else (burr_mm,)
-    for size_mm in larger:
-        try:
-            return _settings(implant, size_mm)
-        except InvalidInputError:
-            continue  # a smaller one may go in
-    return _settings(implant, last)
-
-
-def _settings(implant: Implant, burr_mm: float) -> MillingSettings:
-    """Return how a bed is milled with a ball; raise InvalidInputError where it does not go in."""
-    settings = MillingSettings(
-        burr=ball(burr_mm),
-        rim_burr=BALL_2 if burr_mm > BALL_2.diameter_mm else None,
-        layer_mm=min(0.5, 0.25 * burr_mm),
-    )
-    planned_bed(implant, settings, cell_mm=1.0)
-    return settings
-
-
-def derive_search(
-    session: Session, message: StartBedSearch, *, progress: Progress, cancel: Cancel
+def search_bed(
+    known: BedInputs, message: StartBedSearch, *, progress: Progress, cancel: Cancel
 ) -> ImplantBed:
     """Search the best placement with the smallest lift that is safe, else with the one asked for.
 
     Raises:
         InvalidInputError: the bed is larger than what is mapped.
-        StaleResultError: the maps are out of date.
+        StaleResultError: the maps are of other A-scans.
         CancelledError: ``cancel`` returned True.
     """
     release_memory()
-    problem = _problem(session, message)
+    problem = _problem(known, message)
     progress(SHARE_OF_DRAWS)
     implant = implant_named(message.implant)
     settings = milling_settings(implant, message.burr_mm)
@@ -132,17 +90,17 @@ def derive_search(
         tried=tuple(tried),
         probability=found.probability,
         lacks=found.shortfall,
-        burr_sigma_mm=_burr_sigma_mm(session),
+        burr_sigma_mm=known.burr_sigma_mm,
     )
 
 
-def derive_placed(session: Session, message: PlaceBed) -> ImplantBed:
+def lay_bed(known: BedInputs, message: PlaceBed) -> ImplantBed:
     """Return what a bed at a chosen place leaves of the bone.
 
     Raises:
-        StaleResultError: the maps are out of date.
+        StaleResultError: the maps are of other A-scans.
     """
-    problem = _problem(session, message)
+    problem = _problem(known, message)
     implant = implant_named(message.implant).lifted(message.lift_mm)
     settings = milling_settings(implant, message.burr_mm)
     solid = solid_points(problem, planned_bed(implant, settings), implant.screws)
@@ -157,23 +115,18 @@ def derive_placed(session: Session, message: PlaceBed) -> ImplantBed:
         burr_mm=settings.burr.diameter_mm,
         placed=placed,
         refusal=_refusal(placed, problem.limits),
-        burr_sigma_mm=_burr_sigma_mm(session),
+        burr_sigma_mm=known.burr_sigma_mm,
     )
 
 
-def _burr_sigma_mm(session: Session) -> float | None:
-    burr = KNOWN_BURR.read(session)
-    return None if burr is None else burr.tip_sigma_mm
-
-
-def _problem(session: Session, message: StartBedSearch | PlaceBed) -> PlacementProblem:
+def _problem(known: BedInputs, message: StartBedSearch | PlaceBed) -> PlacementProblem:
     """Return the bone, what is asked of a bed in it, and what it keeps away from."""
     limits = PlacementLimits(message.limit_mm, message.probability)
     zones = [
         Zone(str(number), np.array(corners), _is_closed(corners), message.avoid_mm)
         for number, corners in enumerate(message.avoid, start=1)
     ]
-    return PlacementProblem(mapped_bone(session), execution_error(session), limits, zones)
+    return PlacementProblem(mapped_bone(known.maps, known.terms), known.execution, limits, zones)
 
 
 def _is_closed(corners: Corners) -> bool:

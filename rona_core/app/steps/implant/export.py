@@ -1,13 +1,14 @@
 """Files of a bed for other programs: milling path, milled body, markups, robot's motion."""
 
 from rona_core.app.declarations.declarations import Export
+from rona_core.app.steps.implant.inputs import WANTED
 from rona_core.app.steps.implant.milling_motion import (
     milling_motion,
     milling_plan_of,
     milling_stale,
     require_certified,
 )
-from rona_core.app.steps.implant.view import WANTED, milling_view
+from rona_core.app.steps.implant.view import milling_view
 from rona_core.devices.robots import UNIVERSAL
 from rona_core.errors import StepBlockedError
 from rona_core.planning.implants.bed_markups import bed_markups

@@ -5,10 +5,10 @@ from dataclasses import MISSING
 from rona_core.app.messages.message import message
 from rona_core.devices.limits import PLACE_MM, choice, like, number
 from rona_core.planning.implants.catalogue import CATALOGUE
+from rona_core.planning.milling.burr_choice import BURRS_MM
 
 Corners = tuple[tuple[float, float], ...]  # u and v in the plane of the maps, in mm
 IMPLANTS = {name: name for name in CATALOGUE}
-BURRS_MM = (5.0, 4.0, 3.0, 2.0)  # balls, the largest that goes into the bed is taken
 
 
 @message

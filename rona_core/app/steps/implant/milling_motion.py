@@ -4,13 +4,16 @@ import numpy as np
 
 from rona_core.app.dependencies.inputs import require_result
 from rona_core.app.dependencies.staleness import session_obstacles, stale_reason
-from rona_core.app.steps.implant.milling_derivation import milling_model, robot_path_of
+from rona_core.app.steps.implant.bed_milling import MillingView, robot_path_of
+from rona_core.app.steps.implant.burr.inputs import KNOWN_BURR
+from rona_core.app.steps.implant.milling_derivation import spindle_model
 from rona_core.app.steps.implant.milling_plan import MillingPlan, why_no_milling
 from rona_core.app.steps.implant.view import milling_view
 from rona_core.errors import StaleResultError, StepBlockedError
 from rona_core.geometry.arrays import Floats, Ints, readonly
 from rona_core.planning.milling.milling_motion import MillingMotion
 from rona_core.planning.robot_milling.robot_path import milling_obstacles
+from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.trajectory.trajectory import Trajectory
 from rona_core.robot.verification.tolerances import CuttingTolerances
 from rona_core.session.document import Session
@@ -18,6 +21,12 @@ from rona_core.session.memo import Memo, remember
 
 INSISTED = CuttingTolerances()
 _MOTIONS: Memo[MillingMotion] = Memo(2)
+
+
+def milling_model(session: Session, view: MillingView) -> RobotModel:
+    """Return the robot of a session with the spindle in its hand, its tip as registered."""
+    robot = session.setup.devices.robot.model
+    return spindle_model(robot, view.path, KNOWN_BURR.read(session))
 
 
 def milling_plan_of(session: Session) -> MillingPlan | None:

@@ -10,9 +10,9 @@ from rona_core.app.steps.implant.messages import RehearseMilling
 from rona_core.app.steps.implant.milling_motion import require_certified
 from rona_core.app.steps.implant.milling_plan import MillingPlan, why_no_milling
 from rona_core.app.steps.implant.rehearsal_task import (
-    FloorDetector,
     FloorScan,
     RaisedMilling,
+    floor_detector,
     milling_task,
 )
 from rona_core.app.steps.implant.view import percent
@@ -75,7 +75,7 @@ def derive_rehearsal(
     raised = RaisedMilling(session, planned.verdicts[planned.chosen].roll_deg, cancel)
     floor_scan = FloorScan(session, cancel)
     task = milling_task(session, raised, floor_scan)
-    detector = FloorDetector(session, task.way.T_base_bed)
+    detector = floor_detector(session, task.way.T_base_bed)
     outcome = rehearse(task, site, detector, progress=progress, cancel=cancel)
     measured = outcome.measured
     return Rehearsal(

@@ -1,26 +1,32 @@
 """What a rehearsal of the milling starts from: way, maps as they may be, and how it listens."""
 
+from dataclasses import replace
+
 import numpy as np
 
-from rona_core.app.dependencies.inputs import require_result, required
-from rona_core.app.steps.acoustics.derivation import first_speed
-from rona_core.app.steps.acoustics.inputs import KNOWN_SPEED, ROBOT_PROBE
-from rona_core.app.steps.implant.derivation import execution_error, mapped_bone
-from rona_core.app.steps.implant.milling_derivation import plan_view, raised_view, robot_path_of
-from rona_core.app.steps.implant.milling_motion import require_certified
+from rona_core.app.dependencies.inputs import required
+from rona_core.app.steps.acoustics.inputs import DETECTION, KNOWN_SPEED, ROBOT_PROBE
+from rona_core.app.steps.implant.bed_milling import burr_way_of, raised_view
+from rona_core.app.steps.implant.derivation import mapped_bone
+from rona_core.app.steps.implant.inputs import BED, EXECUTION
+from rona_core.app.steps.implant.milling_derivation import plan_view
+from rona_core.app.steps.implant.milling_motion import milling_model, require_certified
 from rona_core.app.steps.implant.milling_plan import MillingPlan
-from rona_core.app.steps.implant.view import MillingView, boundary_heights, milling_view
+from rona_core.app.steps.implant.view import milling_view
+from rona_core.app.steps.maps.accuracy import TERMS
+from rona_core.app.steps.maps.inputs import MAPS
 from rona_core.app.steps.roll.derivation import plan_settings
 from rona_core.app.steps.roll.inputs import DRIVEN
 from rona_core.app.steps.roll.messages import StartRollSearch
+from rona_core.app.steps.setup.inputs import OBSTACLES, PROBE
 from rona_core.devices.protocols import Cancel, never
-from rona_core.devices.samples import AScanTrack
-from rona_core.geometry.arrays import Bools, Floats
+from rona_core.geometry.arrays import Floats
 from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Pose
 from rona_core.planning.placement.problem import PlacementProblem
 from rona_core.planning.placement.residuals import depths_along_axis, residuals
 from rona_core.planning.placement.settings import PlacementLimits
+from rona_core.planning.rehearsal.floor_detector import FloorDetector
 from rona_core.planning.rehearsal.floor_line import FloorLine
 from rona_core.planning.rehearsal.rehearse import MillingTask, PlanFloorScan, RaiseWay
 from rona_core.planning.rehearsal.site import BurrWay, ProbeWay
@@ -29,16 +35,7 @@ from rona_core.robot.planning.plan import RobotPlan
 from rona_core.robot.planning.plan_cutting import CuttingPlanSettings
 from rona_core.robot.planning.plan_scan import plan_scan
 from rona_core.session.document import Session
-from rona_core.ultrasound.acoustic_calibration.reference_points import at_speed
-from rona_core.ultrasound.acoustic_calibration.speed_calibration import speed_at, uncalibrated
-from rona_core.ultrasound.detection.detect import Detection, detect
-from rona_core.ultrasound.probe.probe_model import ProbeSurvey
 
-STEP_MM = 0.25  # between places of the way at which force is felt
-FINE_MM = 0.1  # between those they are taken from: the tip may go further than the ball
-# relative sigma of the speed in what is left against that in the whole bone: of what is left none
-# to all is diploe (two sigmas to either side), which is 15 to 20 % slower than the tables
-MIXED_SHARE = 0.25 * 0.175
 FLOOR_ROLLS = 24  # of the probe: the floor is small, so a roll works over all of it or nowhere
 
 
@@ -53,7 +50,7 @@ def milling_task(session: Session, raised: RaiseWay, floor_scan: PlanFloorScan) 
     """
     _, motion = require_certified(session)
     view = milling_view(session)
-    way = burr_way(view, motion.path_mm, motion.qs_rad, motion.times_s)
+    way = burr_way_of(view, motion)
     return task_along(session, way, raised, floor_scan)
 
 
@@ -61,10 +58,9 @@ def task_along(
     session: Session, way: BurrWay, raised: RaiseWay, floor_scan: PlanFloorScan
 ) -> MillingTask:
     """Return what is to be rehearsed along a way, see ``milling_task``."""
-    bone, held = mapped_bone(session), require_result(session.results.get("bed"), "bed").value
-    problem = PlacementProblem(
-        bone, execution_error(session), PlacementLimits(held.limit_mm, held.required)
-    )
+    bone, held = mapped_bone(required(MAPS, session), TERMS.read(session)), required(BED, session)
+    limits = PlacementLimits(held.limit_mm, held.required)
+    problem = PlacementProblem(bone, required(EXECUTION, session), limits)
     T_map_bed: Pose = bone.outer.T_base_map.inv() @ way.T_base_bed
     normal_map = T_map_bed.rotation[:, 2]
     probe = required(ROBOT_PROBE, session)
@@ -79,7 +75,7 @@ def task_along(
 
     def outer_mm(places_bed: Floats) -> Floats:
         places = T_map_bed @ places_bed
-        above = places[:, 2] - boundary_heights(bone.outer, places)
+        above = places[:, 2] - bone.outer.heights(places)
         return places_bed[:, 2] - above / normal_map[2]
 
     return MillingTask(
@@ -93,37 +89,6 @@ def task_along(
         probability=held.required,
         face_radius_mm=probe.aperture_radius_mm,
         resolved_mm=probe.min_thickness_mm,
-    )
-
-
-def burr_way(view: MillingView, ways_mm: Floats, qs_rad: Floats, times_s: Floats) -> BurrWay:
-    """Return the places at which the burr cuts, evenly along its way.
-
-    Args:
-        view: The bed and its milling path.
-        ways_mm: Along the path of the robot (k,), never falling.
-        qs_rad: Postures there (k, 6).
-        times_s: When the robot is there (k,).
-    """
-    path = robot_path_of(view)
-    cutting = path.cutting
-    ways = np.arange(0.0, float(cutting.way_mm()[-1]), FINE_MM)
-    moves = cutting.moves_at(ways)
-    cuts = ~cutting.in_air[moves]
-    ways, moves = ways[cuts], moves[cuts]
-    bottoms = cutting.at(ways).bottoms_bed
-    gone = np.cumsum(np.linalg.norm(np.diff(bottoms, axis=0, prepend=bottoms[:1]), axis=1))
-    kept = np.diff(np.floor(gone / STEP_MM), prepend=-1.0) > 0.0
-    ways, moves = ways[kept], moves[kept]
-    qs = [np.interp(ways, ways_mm, q) for q in qs_rad.T]
-    return BurrWay(
-        T_base_bed=cutting.T_base_bed,
-        bottoms_bed=bottoms[kept],
-        radii_mm=cutting.radii_mm[moves],
-        qs_rad=np.column_stack(qs),
-        times_s=np.interp(ways, ways_mm, times_s),
-        feeds_mm_per_s=cutting.feeds_mm_per_s[moves],
-        layers=view.path.layers[path.places[moves]],
     )
 
 
@@ -149,14 +114,18 @@ class RaisedMilling:
         view = raised_view(milling_view(session), pause, ceiling_mm)
         if view is None:
             return None
-        same = CuttingPlanSettings(n_rolls=1, roll_from_deg=self._roll_deg)
-        self.plan = plan_view(session, view, same, cancel=self._cancel)
+        model, every = (
+            milling_model(session, view),
+            CuttingPlanSettings(obstacles=required(OBSTACLES, session)),
+        )
+        same = replace(every, n_rolls=1, roll_from_deg=self._roll_deg)
+        self.plan = plan_view(view, model, same, cancel=self._cancel)
         if not self.plan.may_move:
-            self.plan = plan_view(session, view, CuttingPlanSettings(), cancel=self._cancel)
+            self.plan = plan_view(view, model, every, cancel=self._cancel)
         motion = self.plan.certified_motion
         if motion is None:
             return None
-        return burr_way(view, motion.path_mm, motion.qs_rad, motion.times_s)
+        return burr_way_of(view, motion)
 
 
 class FloorScan:
@@ -198,35 +167,8 @@ class FloorScan:
         )
 
 
-class FloorDetector:
-    """Detector of the inner boundary below a floor, with the probe as the session knows it."""
-
-    def __init__(self, session: Session, T_base_bed: Pose) -> None:
-        """Measure below a bed."""
-        self._session, self._T_base_bed = session, T_base_bed
-
-    def __call__(
-        self, track: AScanTrack, places_bed: Floats
-    ) -> tuple[Floats, Floats, Bools, float]:
-        """Return thickness, sigma and whether it is sure (m,), and the speed's relative sigma."""
-        session, places = self._session, self._T_base_bed @ places_bed
-        axis = -self._T_base_bed.rotation[:, 2]
-        first: Detection = require_result(
-            session.results.detection, "detect the boundaries (step 9)"
-        ).value
-        found = detect(
-            ProbeSurvey(
-                track,
-                required(ROBOT_PROBE, session),
-                session.setup.devices.probe.excitation,
-                positions_mm=places,
-                axes=np.tile(axis, (len(places), 1)),
-            ),
-            sound_speed_mm_per_us=first_speed(None),
-            bone_loss=first.bone_loss,
-        )
-        known = KNOWN_SPEED.read(session)
-        speeds, sigmas = speed_at(uncalibrated() if known is None else known, places)
-        found = at_speed(found, speeds)
-        share = float(np.hypot(MIXED_SHARE, (sigmas / speeds).mean()))
-        return found.thickness_mm, found.thickness_sigma_mm, found.inner_ok, share
+def floor_detector(session: Session, T_base_bed: Pose) -> FloorDetector:
+    """Return the detector of the bone below a bed, with the probe as the session knows it."""
+    probe, excitation = required(ROBOT_PROBE, session), required(PROBE, session).excitation
+    loss = required(DETECTION, session).bone_loss
+    return FloorDetector(T_base_bed, probe, excitation, loss, KNOWN_SPEED.read(session))

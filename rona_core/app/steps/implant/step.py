@@ -9,17 +9,18 @@ from rona_core.app.declarations.declarations import (
     Remedy,
 )
 from rona_core.app.declarations.inputs import Input
-from rona_core.app.dependencies.inputs import result_input
 from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.runtime.handling import compute, compute_result, computed, strip_for_worker
+from rona_core.app.steps.acoustics.inputs import DETECTION
 from rona_core.app.steps.acoustics.messages import StartCaliperMeasurements
-from rona_core.app.steps.implant.bed_lines import BedLines, derive_bed_lines
+from rona_core.app.steps.implant.bed_lines import find_bed_lines
 from rona_core.app.steps.implant.burr.inputs import KNOWN_BURR
 from rona_core.app.steps.implant.burr.messages import StartBurrCapture
-from rona_core.app.steps.implant.derivation import derive_placed, derive_search
+from rona_core.app.steps.implant.derivation import lay_bed, search_bed
 from rona_core.app.steps.implant.export import EXPORTS
 from rona_core.app.steps.implant.implant_bed import ImplantBed
+from rona_core.app.steps.implant.inputs import BED, MILLING, WANTED
 from rona_core.app.steps.implant.messages import (
     PlaceBed,
     PlanMilling,
@@ -27,24 +28,20 @@ from rona_core.app.steps.implant.messages import (
     StartBedLines,
     StartBedSearch,
 )
-from rona_core.app.steps.implant.milling_derivation import derive_milling
+from rona_core.app.steps.implant.milling_derivation import plan_bed_milling
 from rona_core.app.steps.implant.milling_plan import (
     MillingPlan,
     milling_summary,
     why_no_milling,
 )
 from rona_core.app.steps.implant.rehearsal import Rehearsal
-from rona_core.app.steps.implant.view import WANTED, percent
+from rona_core.app.steps.implant.view import percent
+from rona_core.app.steps.maps.inputs import MAPS
 from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan
 from rona_core.app.steps.scan.messages import StartProbeMountingCapture
-from rona_core.app.steps.setup.inputs import MODEL, OBSTACLES
+from rona_core.app.steps.tool.inputs import TOOL
 from rona_core.errors import StepBlockedError
 from rona_core.session.document import Session
-
-MAPS, TOOL, BED = result_input("maps"), result_input("tool"), result_input("bed")
-INPUTS = {"maps": MAPS, "tool": TOOL, "burr": KNOWN_BURR}
-MILLING, DETECTION = result_input("milling"), result_input("detection")
-MILLED = {"bed": BED, **INPUTS, "robot": MODEL, "obstacles": OBSTACLES}
 
 REHEARSED = {
     "milling": MILLING,
@@ -155,37 +152,21 @@ STEP = declare.Step(
     ),
     exports=EXPORTS,
     results=(
-        declare.Result(
-            "bed",
-            StartBedSearch,
-            derive_search,
-            INPUTS,
-            WANTED,
-            judged=judge_bed,
-            types=(ImplantBed,),
+        declare.Result.of("bed", StartBedSearch, search_bed, WANTED, judged=judge_bed),
+        declare.Result.of("bed", PlaceBed, lay_bed, WANTED, judged=judge_bed),
+        declare.Result.of(
+            "lines", StartBedLines, find_bed_lines, "find lines for the bed (step 10)"
         ),
-        declare.Result("bed", PlaceBed, derive_placed, INPUTS, WANTED, judged=judge_bed),
-        declare.Result(
-            "lines",
-            StartBedLines,
-            derive_bed_lines,
-            {"bed": BED, **INPUTS},
-            "find lines for the bed (step 10)",
-            types=(BedLines,),
-        ),
-        declare.Result(
+        declare.Result.of(
             "milling",
             PlanMilling,
-            derive_milling,
-            MILLED,
+            plan_bed_milling,
             "plan the milling (step 10)",
             judged=judge_milling,
-            types=(MillingPlan,),
         ),
         declare.Result(
             "rehearsal",
             RehearseMilling,
-            None,
             REHEARSED,
             "rehearse the milling (step 10)",
             types=(Rehearsal,),

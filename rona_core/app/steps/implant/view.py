@@ -1,67 +1,31 @@
 """What step 10 shows and gives away: the milling path of the bed, and the implant in it."""
 
-from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.ndimage import map_coordinates
 
-from rona_core.app.dependencies.inputs import require_result
-from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.dependencies.inputs import required
+from rona_core.app.dependencies.judge import judge
 from rona_core.app.messages.serialization import message_from
-from rona_core.app.steps.implant.derivation import milling_settings
+from rona_core.app.steps.implant.bed_milling import MillingView, bed_milling
 from rona_core.app.steps.implant.implant_bed import ImplantBed, PlacedBed
+from rona_core.app.steps.implant.inputs import BED, WANTED
 from rona_core.app.steps.implant.messages import PlaceBed
+from rona_core.app.steps.maps.inputs import MAPS
 from rona_core.errors import StaleResultError, StepBlockedError
-from rona_core.geometry.arrays import Floats, as_vector3, readonly
-from rona_core.geometry.mesh import Mesh
-from rona_core.mapping.boundary_map import BoundaryMap, Maps
-from rona_core.planning.bed import Bed
+from rona_core.geometry.arrays import Floats, as_vector3
 from rona_core.planning.implants.catalogue import implant_named
-from rona_core.planning.implants.implant import Implant
-from rona_core.planning.milling.feeds import duration_s, feeds_mm_per_s
-from rona_core.planning.milling.implant_fit import Fit, fit
-from rona_core.planning.milling.milling_path import MillingPath
-from rona_core.planning.milling.plan_milling import plan_milling
+from rona_core.planning.milling.burr_choice import milling_settings
 from rona_core.planning.milling.removal import planned_bed
-from rona_core.planning.milling.tool_regions import MOST_SURFACE_MM
 from rona_core.planning.placement.seat import Placement
 from rona_core.planning.placement.solid_points import lowest_of_blocks
-from rona_core.session.document import Derived, Session
-from rona_core.session.memo import Memo
+from rona_core.session.document import Session
 
 FLOOR_MM = 0.5  # between places of the floor
 UNREGISTERED = (
     "The burr was not registered, so where its tip is was assumed: register it and search again."
 )
-WANTED = "place the implant bed (step 10)"
 # what a bed that is moved goes on to ask for
 ASKED = ("implant", "limit_mm", "probability", "burr_mm", "avoid", "avoid_mm")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MillingView:
-    """How a bed would be milled, by the robot or by hand."""
-
-    implant: Implant
-    placed: PlacedBed
-    bed: Bed
-    surface_mm: float  # that the bone within the outline rises above z = 0 of ``bed``
-    path: MillingPath
-    feeds_mm_per_s: Floats  # (n,)
-    duration_s: float
-    fit: Fit
-
-    def implant_base(self) -> Mesh:
-        """Return the implant in its bed, in ``base``."""
-        solid: Any = self.implant.mesh()
-        points = self.placed.T_base_bed @ np.asarray(solid.vertices, dtype=np.float64)
-        return Mesh(points, np.asarray(solid.faces, dtype=np.int64))
-
-    def tips_base(self) -> Floats:
-        """Return the path of the burr's tip (n, 3) in ``base``."""
-        return self.placed.T_base_bed @ self.path.tips_bed
 
 
 def floor_base(held: ImplantBed) -> Floats:
@@ -70,10 +34,16 @@ def floor_base(held: ImplantBed) -> Floats:
     Raises:
         StepBlockedError: it is nowhere laid.
     """
-    placed = require_result(held.placed, WANTED)
+    placed = _placed(held)
     implant = implant_named(held.implant).lifted(held.lift_mm)
     bed = planned_bed(implant, milling_settings(implant, held.burr_mm))
     return placed.T_base_bed @ lowest_of_blocks(bed, FLOOR_MM)
+
+
+def _placed(held: ImplantBed) -> PlacedBed:
+    if held.placed is None:
+        raise StepBlockedError(f"first {WANTED}")
+    return held.placed
 
 
 def outline_base(held: ImplantBed, above_mm: float) -> tuple[Floats, ...]:
@@ -82,7 +52,7 @@ def outline_base(held: ImplantBed, above_mm: float) -> tuple[Floats, ...]:
     Raises:
         StepBlockedError: it is nowhere laid.
     """
-    placed = require_result(held.placed, WANTED)
+    placed = _placed(held)
     rings = implant_named(held.implant).lifted(held.lift_mm).outline()
     return tuple(
         placed.T_base_bed @ np.column_stack((ring, np.full(len(ring), above_mm))) for ring in rings
@@ -95,14 +65,14 @@ def moved_bed(session: Session, place_base: ArrayLike) -> PlaceBed:
     Raises:
         StepBlockedError: there is no bed, or nothing is mapped.
     """
-    held: Derived[ImplantBed] = require_result(session.results.get("bed"), WANTED)
-    maps: Maps = require_result(session.results.maps, "map the boundaries (step 9)").value
-    u_mm, v_mm, _ = maps.outer.T_base_map.inv() @ as_vector3(place_base, name="place_base")
+    bed, held = required(BED, session), session.results.more["bed"]
+    T_map_base = required(MAPS, session).outer.T_base_map.inv()
+    u_mm, v_mm, _ = T_map_base @ as_vector3(place_base, name="place_base")
     asked = message_from(held.message, dict(held.arguments))
     return PlaceBed(
         u_mm=round(float(u_mm), 2),
         v_mm=round(float(v_mm), 2),
-        **placed_turns(held.value),
+        **placed_turns(bed),
         **{name: getattr(asked, name) for name in ASKED},
     )
 
@@ -117,9 +87,6 @@ def placed_turns(held: ImplantBed) -> dict[str, float]:
     return {"angle_deg": angle, "tilt_x_deg": tilt_x, "tilt_y_deg": tilt_y, "lift_mm": lift_mm}
 
 
-_MILLED: Memo[MillingView] = Memo(2)
-
-
 def milling_view(session: Session) -> MillingView:
     """Return how the bed of step 10 would be milled.
 
@@ -127,49 +94,10 @@ def milling_view(session: Session) -> MillingView:
         StepBlockedError: there is no bed, or it does not lie wholly in the maps.
         StaleResultError: it is of other maps.
     """
-    held: Derived[ImplantBed] = require_result(session.results.get("bed"), WANTED)
-    if (reason := stale_reason("bed", session)) is not None:
-        raise StaleResultError(f"the implant bed is stale: {reason}")
-    maps: Maps = require_result(session.results.maps, "map the boundaries (step 9)").value
-    return _MILLED.get((held, maps), lambda: _milled(held.value, maps))
-
-
-def _milled(held: ImplantBed, maps: Maps) -> MillingView:
-    placed = held.placed
-    if placed is None or placed.residual_mm is None:
-        raise StepBlockedError(
-            f"there is no bed to mill: {held.refusal or 'it is not mapped'}: choose another place "
-            "or implant (step 10)"
-        )
-    implant = implant_named(held.implant).lifted(held.lift_mm)
-    settings = milling_settings(implant, held.burr_mm)
-    T_map_bed = maps.outer.T_base_map.inv() @ placed.T_base_bed
-    bed = planned_bed(implant, settings)
-    i, j = np.nonzero(bed.cut())
-    seat_map = T_map_bed @ np.column_stack((bed.x_mm[i], bed.y_mm[j], np.zeros(len(i))))
-    above_mm = float((seat_map[:, 2] - boundary_heights(maps.outer, seat_map)).min())
-    surface_mm = min(max(-above_mm, 0.0), MOST_SURFACE_MM)
-    path = plan_milling(implant, settings, surface_mm)
-    bottoms_map = T_map_bed @ path.bottoms_bed()
-    residual_mm = bottoms_map[:, 2] - boundary_heights(maps.inner, bottoms_map)
-    feeds = feeds_mm_per_s(path, readonly(residual_mm))
-    return MillingView(
-        implant, placed, bed, surface_mm, path, feeds, duration_s(path, feeds), fit(implant, bed)
-    )
-
-
-def boundary_heights(boundary: BoundaryMap, points_map: Floats) -> Floats:
-    """Return the heights (n,) of a boundary below points (n, 3)."""
-    cells = grid_cells(boundary, points_map)
-    found = map_coordinates(boundary.height_mm, cells, order=1, mode="nearest")
-    return np.asarray(found, dtype=np.float64)
-
-
-def grid_cells(boundary: BoundaryMap, points_map: Floats) -> Floats:
-    """Return where points (n, 3) are in the grid of a boundary (2, n), counted in cells."""
-    cell_mm = boundary.u_mm[1] - boundary.u_mm[0]
-    origin = np.array((boundary.u_mm[0], boundary.v_mm[0]))
-    return ((points_map[:, :2] - origin) / cell_mm).T
+    held, found = required(BED, session), judge(BED, session)
+    if found.state == "stale":
+        raise StaleResultError(f"the implant bed is stale: {found.reason}")
+    return bed_milling(held, required(MAPS, session))
 
 
 def verdict(held: ImplantBed) -> str:

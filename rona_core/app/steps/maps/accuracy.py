@@ -8,12 +8,13 @@ from collections.abc import Mapping
 from rona_core.app.declarations.inputs import Input, Quantity
 from rona_core.app.dependencies.head_reference import HeadReference
 from rona_core.app.dependencies.inputs import required, result_input
-from rona_core.app.dependencies.staleness import made_of, stale_reason
+from rona_core.app.dependencies.judge import judge
+from rona_core.app.dependencies.staleness import made_of
 from rona_core.app.steps.acoustics.inputs import DETECTION, KNOWN_LINE
 from rona_core.app.steps.acoustics.thickness_uncertainty import speed_of_maps
 from rona_core.app.steps.maps.error_budget import ErrorBudget, error_budgets
 from rona_core.app.steps.maps.further_passes import Passes
-from rona_core.app.steps.maps.inputs import AGAIN, CLOUD_PRIOR, MAPS
+from rona_core.app.steps.maps.inputs import AGAIN, CLOUD_PRIOR, EDITS, MAPS
 from rona_core.app.steps.scan.inputs import HEAD, KNOWN_MOUNTING, PLACES, SCAN, ProbePlaces
 from rona_core.app.steps.setup.inputs import MODEL, PROBE, TRACKER_PROFILE
 from rona_core.app.steps.surface.inputs import SURFACE
@@ -27,6 +28,7 @@ from rona_core.mapping.accuracy.map_accuracy import MapAccuracy, accuracy_of, ac
 from rona_core.mapping.accuracy.map_draws import MapDraws, draw_maps
 from rona_core.mapping.accuracy.map_terms import Cloud, MapSamples, MapTerms, map_terms
 from rona_core.mapping.accuracy.probe_place import ProbePlace, hand_place, robot_place
+from rona_core.mapping.boundary_map import Maps
 from rona_core.mapping.cloud_fusion import CloudPrior
 from rona_core.mapping.probe_poses import ProbePostures
 from rona_core.session.captures import ScanCapture
@@ -45,7 +47,6 @@ HELD_AGAIN: Input[Detection] = Input(AGAIN.read, "detect the boundaries", option
 ALL_PASSES: Input[Passes] = Input(
     lambda s: s.captures.second, "scan the gaps again (step 9)", optional=True
 )
-ALL_EDITS = Input(lambda s: s.boundary_edits, "scan (step 8)")
 SPEED_OF_MAPS: Input[SpeedCalibration] = Input(
     speed_of_maps, "calibrate the speed (step 9)", optional=True
 )
@@ -133,7 +134,7 @@ TERMS: Quantity[MapTerms] = Quantity(
             {
                 "detection": DETECTION,
                 "detection of further passes": HELD_AGAIN,
-                "correction by hand": ALL_EDITS,
+                "correction by hand": EDITS,
                 "probe": PROBE,
             },
         ),
@@ -145,6 +146,7 @@ TERMS: Quantity[MapTerms] = Quantity(
     },
     optional=True,  # None where the maps are of other A-scans
 )
+OF_MAPS = tuple(key for key in TERMS.inputs() if key != "maps")  # the maps change with them
 HAND_TERMS: Quantity[MapTerms] = Quantity(
     _hand_terms,
     {
@@ -211,8 +213,27 @@ def drawn_maps(
     """
     if not 1 <= count <= MOST_DRAWS:
         raise InvalidInputError(f"{count} draws are out of range: 1 to {MOST_DRAWS}")
-    maps, reason = required(MAPS, session), stale_reason("maps", session)
+    maps, found = required(MAPS, session), judge(MAPS, session)
+    if not found.holds:
+        raise StaleResultError(f"the maps are stale: {found.reason}")
     terms = TERMS.read(session)
-    if terms is None or reason is not None:
-        raise StaleResultError(f"the maps are stale: {reason or 'they are of other A-scans'}")
+    return draws_of(maps, terms, count, seed, same_robot=same_robot, grooves=grooves)
+
+
+def draws_of(
+    maps: Maps,
+    terms: MapTerms | None,
+    count: int,
+    seed: int = 0,
+    *,
+    same_robot: bool = False,
+    grooves: bool = False,
+) -> MapDraws:
+    """Return the robot's maps as they may be; arguments as of `draw_maps`.
+
+    Raises:
+        StaleResultError: there are no terms, as the maps are of other A-scans.
+    """
+    if terms is None:
+        raise StaleResultError("the maps are stale: they are of other A-scans")
     return draw_maps(maps, terms, count, seed, same_robot=same_robot, grooves=grooves)
