@@ -161,20 +161,21 @@ class Activity:
 class Result:
     """A computed result: the message that makes it, its inputs, and how it is computed.
 
-    Where several messages make a result, each has a declaration. ``derive(known, message)`` is
-    pure; that of an activity takes ``progress`` and ``cancel``, too. ``recompute`` replaces it in a
-    replay where the arguments are more than those of the message.
+    Where several messages make a result, each has a declaration. One that follows from captures is
+    declared by `of`, and replayed: ``derive(known, message)`` is pure; that of an activity takes
+    ``progress`` and ``cancel``, too. ``recompute`` replaces it in a replay where the arguments are
+    more than those of the message.
     """
 
     name: str
     message: type
-    derive: Callable[..., object] | None  # None: it follows from no capture and is not replayed
     inputs: Mapping[str, Input[object]]
     wanted: str = ""  # what to do to get it
     judged: Judge | None = None  # None: one that is fresh is usable
-    recompute: Callable[[Any, Arguments, Progress, Cancel], object] | None = None
     types: tuple[type, ...] = ()  # further classes a session file may hold below Results.more
-    known: type | None = None  # the class of the values that ``derive`` takes; None: the session
+    derive: Callable[..., object] | None = None  # None: it follows from no capture
+    known: type | None = None  # the class of the values that ``derive`` takes
+    recompute: Callable[[Any, Arguments, Progress, Cancel], object] | None = None
     settings: tuple[str, ...] = ()  # fields of the message that it uses, of several results
     spared: bool = False  # left out where an input is missing, of several results
 
@@ -200,7 +201,7 @@ class Result:
         counted = input_parts(known).counted
         types = () if name in {part.name for part in fields(Results)} else (hints["return"],)
         return cls(
-            name, message, derive, counted, wanted, judged, recompute, types, known, settings
+            name, message, counted, wanted, judged, types, derive, known, recompute, settings
         )
 
 

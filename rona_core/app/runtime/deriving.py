@@ -44,9 +44,9 @@ def derive(
         StepBlockedError: an input is missing.
         InvalidInputError: the result follows from no input.
     """
+    known = _known(result, session)
     if result.derive is None:
         raise InvalidInputError(f"the {result.name} result follows from no capture")
-    known = session if result.known is None else read_inputs(result.known, session)
     if type(message).__name__ in REGISTRY.activities:
         return result.derive(known, message, progress=progress, cancel=cancel)
     return result.derive(known, message)
@@ -60,8 +60,11 @@ def derive_again(
     if result.recompute is None:
         message = message_from(stored.message, stored.arguments)
         return derive(result, session, message, progress=progress, cancel=cancel)
-    known = session if result.known is None else read_inputs(result.known, session)
-    return result.recompute(known, stored.arguments, progress, cancel)
+    return result.recompute(_known(result, session), stored.arguments, progress, cancel)
+
+
+def _known(result: Result, session: Session) -> object:
+    return None if result.known is None else read_inputs(result.known, session)
 
 
 def derive_all(

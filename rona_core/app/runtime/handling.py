@@ -131,23 +131,6 @@ def compute(
     return computed(message, context.run(derive_all, strip_for_worker(session), message), session)
 
 
-def compute_several(derive_several: Callable[..., Mapping[str, object]]) -> Perform:
-    """Return what carries out an activity that makes several results by ``derive_several``.
-
-    Args:
-        derive_several: Returns the results by name, in the order they follow.
-    """
-
-    def perform(
-        message: Message, session: Session, context: ActivityContext
-    ) -> tuple[StoreResult, ...]:
-        return computed(
-            message, context.run(derive_several, strip_for_worker(session), message), session
-        )
-
-    return perform
-
-
 def computed(
     message: Message, values: Mapping[str, object], session: Session
 ) -> tuple[StoreResult, ...]:

@@ -237,6 +237,6 @@ STEP = declare.Step(
                 )
             ),
         ),
-        declare.Result("what_if", messages.StartProbeSweep, None, {}, "compare probes (step 1)"),
+        declare.Result("what_if", messages.StartProbeSweep, {}, "compare probes (step 1)"),
     ),
 )
