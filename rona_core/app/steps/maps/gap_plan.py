@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from rona_core.app.declarations.declarations import USABLE, Arguments, Judgement, Remedy
+from rona_core.app.declarations.declarations import Arguments
 from rona_core.app.messages.serialization import message_from
 from rona_core.app.steps.maps.derivation import (
     both_maps,
@@ -15,7 +15,6 @@ from rona_core.app.steps.maps.messages import StartGapPlan, StartMapping
 from rona_core.app.steps.path.painting import allowed_in_patch, require_none_avoided
 from rona_core.app.steps.roll.derivation import plan_settings
 from rona_core.app.steps.roll.messages import StartRollSearch
-from rona_core.app.steps.roll.plan_reasons import why_no_plan
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.errors import StepBlockedError
 from rona_core.mapping.boundary_map import Maps
@@ -25,7 +24,7 @@ from rona_core.path.painted_regions import PaintedRegions
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.plan_scan import plan_scan
 from rona_core.robot.redundancy.scan_postures import ScanPostures
-from rona_core.session.document import SecondPass, Session
+from rona_core.session.document import SecondPass
 
 
 def plan_gaps(
@@ -77,14 +76,6 @@ def maps_so_far(known: GapInputs, *, progress: Progress, cancel: Cancel) -> Maps
     further = further_detection(first, known.passes, known.places, again, known.edits)
     outer = outer_maps(first, asked.cell_mm)
     return both_maps(outer, LocatedDetection(first.detection, first.poses), further)
-
-
-def judge_pass(planned: SecondPass, session: Session) -> Judgement:
-    """Return whether the robot can follow a planned further pass."""
-    reason = why_no_plan(planned.plan)
-    if reason is None:
-        return USABLE
-    return Judgement("bad", reason, Remedy("plan the second pass with less tilt (step 9)"))
 
 
 def plan_further_pass(

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 from rona_core.app.declarations import declarations as declare
+from rona_core.app.declarations.declarations import USABLE, Judgement, Remedy
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.step_states import partial_reason
 from rona_core.app.runtime.handling import compute, record
@@ -14,7 +15,7 @@ from rona_core.app.steps.maps.derivation import (
 )
 from rona_core.app.steps.maps.export import EXPORTS
 from rona_core.app.steps.maps.further_passes import forget_corrections, with_pass
-from rona_core.app.steps.maps.gap_plan import judge_pass, plan_gaps, plan_gaps_again
+from rona_core.app.steps.maps.gap_plan import plan_gaps, plan_gaps_again
 from rona_core.app.steps.maps.inputs import MAPS, SECOND
 from rona_core.app.steps.maps.messages import (
     StartComparison,
@@ -22,17 +23,26 @@ from rona_core.app.steps.maps.messages import (
     StartGapScan,
     StartMapping,
 )
+from rona_core.app.steps.roll.plan_reasons import why_no_plan
 from rona_core.app.steps.scan.captures import capture_scan
 from rona_core.app.steps.scan.inputs import SCAN
 from rona_core.app.steps.scan.landmarks.gate import LANDMARKS, verified_first
 from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.surface.inputs import SURFACE
-from rona_core.session.document import Session
+from rona_core.session.document import SecondPass, Session
 
 
 def _partial(session: Session) -> str | None:
     cut = partial_reason(REGISTRY.lines["scan"], session)
     return None if cut is None else f"the maps cover only part of the path: {cut}"
+
+
+def judge_pass(planned: SecondPass, session: Session) -> Judgement:
+    """Return whether the robot can follow a planned further pass."""
+    reason = why_no_plan(planned.plan)
+    if reason is None:
+        return USABLE
+    return Judgement("bad", reason, Remedy("plan the second pass with less tilt (step 9)"))
 
 
 def _summary(session: Session) -> str:

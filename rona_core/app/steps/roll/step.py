@@ -9,8 +9,6 @@ from rona_core.app.runtime.handling import compute
 from rona_core.app.steps.roll import messages
 from rona_core.app.steps.roll.base_placement import (
     find_placement,
-    find_places,
-    find_places_again,
     judge_places,
     judge_plan,
     require_move,
@@ -21,6 +19,7 @@ from rona_core.app.steps.roll.derivation import (
     plan_motion_again,
 )
 from rona_core.app.steps.roll.inputs import DRIVEN, SMOOTHING
+from rona_core.app.steps.roll.place_search import find_places, find_places_again
 from rona_core.app.steps.roll.plan_reasons import roll_summary
 from rona_core.app.steps.setup.messages import SetRobot
 from rona_core.app.steps.setup.step import set_robot

@@ -1,43 +1,24 @@
 """The robot's probe on a gauge plate: recorded before a scan, and used wherever it is known."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from rona_core.app.declarations.declarations import ActivityContext
-from rona_core.app.declarations.inputs import given, inputs
-from rona_core.app.dependencies.inputs import capture_input
 from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.dependencies.staleness import capture_setup_digest
 from rona_core.app.runtime.handling import compute_result
 from rona_core.app.runtime.recording import begin
 from rona_core.app.steps.scan.messages import CalibrateProbeMounting, StartProbeMountingCapture
-from rona_core.app.steps.setup.inputs import BLOCK_PROBE
+from rona_core.app.steps.scan.mounting_derivation import GaugeCapture
 from rona_core.devices.samples import AScanTrack
-from rona_core.devices.settings import ProbeSettings
 from rona_core.errors import CancelledError
-from rona_core.geometry.arrays import Floats, readonly
+from rona_core.geometry.arrays import readonly
 from rona_core.session.document import Session
 from rona_core.ultrasound.acoustic_calibration.probe_mounting import (
     ProbeMounting,
-    calibrate_mounting,
 )
 from rona_core.ultrasound.probe.probe_model import probe_model
 
-GAUGE = capture_input("gauge")
 DEPTHS_MM = (0.3, 0.6, 0.9, 1.2)  # of the gauge plate; a scan at 3 N presses by 1.5 mm
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class GaugeCapture:
-    """The probe in its holder, pressed by a gauge plate: a track for each depth."""
-
-    ordinal: int
-    setup_digest: str
-    tracks: tuple[AScanTrack, ...]
-    depths_mm: Floats  # (k,)
-    sigma_mm: float  # of the depths, as the gauge's maker states it
-    partial: bool = False
 
 
 def capture_gauge(
@@ -60,22 +41,6 @@ def capture_gauge(
         tracks=tuple(tracks),
         depths_mm=readonly(np.array(DEPTHS_MM)),
         sigma_mm=sigma_mm,
-    )
-
-
-@inputs()
-class MountingInputs:
-    """What the mounting of the probe is calibrated from."""
-
-    gauge: GaugeCapture = given(GAUGE, "gauge")
-    probe: ProbeSettings = given(BLOCK_PROBE, "probe")
-
-
-def find_mounting(known: MountingInputs, message: CalibrateProbeMounting) -> ProbeMounting:
-    """Find where the face of the probe is, and how fast its line, from the A-scans on the gauge."""
-    held, probe = known.gauge, known.probe
-    return calibrate_mounting(
-        held.tracks, held.depths_mm, held.sigma_mm, probe_model(probe), probe.excitation
     )
 
 

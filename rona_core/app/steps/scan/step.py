@@ -19,14 +19,9 @@ from rona_core.app.steps.scan.messages import (
     StartRetract,
     StartScan,
 )
+from rona_core.app.steps.scan.mounting_derivation import GAUGE, GaugeCapture, find_mounting
 from rona_core.app.steps.scan.planned_motion import planned_scans
-from rona_core.app.steps.scan.probe_mounting import (
-    GAUGE,
-    GaugeCapture,
-    calibrate_probe_mounting,
-    capture_gauge,
-    find_mounting,
-)
+from rona_core.app.steps.scan.probe_mounting import calibrate_probe_mounting, capture_gauge
 from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.setup.inputs import BLOCK_PROBE
 from rona_core.app.steps.tool.robot_motion import FreeMoves, drive_to, same_place
