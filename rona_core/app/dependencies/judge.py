@@ -57,6 +57,12 @@ def usable(name: str, session: Session) -> Any:
     return held.value if held is not None and judge_part(name, session).holds else None
 
 
+def fresh(name: str, session: Session) -> Any:
+    """Return the value of a result, bad or not; None where it is missing or stale."""
+    held = session.results.get(name)
+    return None if held is None or judge_part(name, session).state == "stale" else held.value
+
+
 def blocked(message_type: type, session: Session) -> Judgement | None:
     """Return why a message of this type makes no sense yet, and its remedy; None: it does."""
     found = _hindrance(message_type, session)

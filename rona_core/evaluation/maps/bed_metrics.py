@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.dependencies.judge import fresh
 from rona_core.app.steps.implant.view import floor_base
 from rona_core.evaluation.figures import Figures
 from rona_core.evaluation.maps.map_metrics import arrived_base
@@ -21,14 +21,14 @@ AROUND_MM = 2.0  # of the floor: where it leans, the nearest place of the bounda
 
 def bed_figures(session: "Session", truth: Truth) -> Figures:
     """Return what is predicted of the bed, and the least bone that it would really leave."""
-    held = session.results.get("bed")
-    if held is None or held.value.placed is None or stale_reason("bed", session) is not None:
+    held = fresh("bed", session)
+    if held is None or held.placed is None:
         return {}
-    placed = held.value.placed
+    placed = held.placed
     return {
         "bed_probability": placed.probability,
         "bed_residual_mm": placed.residual_mm,
-        "bed_residual_true_mm": residual_mm(floor_base(held.value), truth),
+        "bed_residual_true_mm": residual_mm(floor_base(held), truth),
     }
 
 

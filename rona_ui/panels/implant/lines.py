@@ -2,8 +2,7 @@
 
 from typing import Any
 
-from rona_core.app.dependencies.judge import blocked
-from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.dependencies.judge import blocked, fresh
 from rona_core.app.steps.implant.bed_lines import BedLines, lines_verdict
 from rona_core.app.steps.implant.messages import StartBedLines
 from rona_core.app.steps.maps.messages import StartGapPlan
@@ -49,7 +48,4 @@ class LinesFolder:
 
 def _fresh(session: Session) -> BedLines | None:
     """Return the lines that were found for the bed of now."""
-    held = session.results.get("lines")
-    if held is None or stale_reason("lines", session) is not None:
-        return None
-    return held.value
+    return fresh("lines", session)

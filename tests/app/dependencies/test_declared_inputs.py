@@ -20,6 +20,7 @@ from rona_core.app.steps.handheld.messages import (
 from rona_core.app.steps.maps.inputs import ANY_AGAIN, ANY_PASSES
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.path.messages import PaintRegion
+from rona_core.app.steps.scan.landmarks.messages import OverrideLandmarks
 from rona_core.compose import new_workbench
 from rona_core.session.document import Derived, Session
 from rona_core.session.files import load_session
@@ -32,9 +33,9 @@ Change = Callable[[Session], Session]
 
 
 class StandIn:
-    """Value of a result that no other is computed from."""
+    """Value of a result that no other is computed from, bad as its judge sees it."""
 
-    verdict = "bad"
+    verdict, reasons, smallest = "bad", (), None
 
 
 @pytest.fixture(scope="module")
@@ -46,6 +47,7 @@ def session():
     bench.run(StartHandheldCalibration(pivot_s=8.0, spin_s=8.0))
     bench.run(StartHandheldScan(duration_s=6.0, rate_hz=10.0, spacing_mm=8.0))
     bench.run(StartHandheldMapping())
+    bench.dispatch(OverrideLandmarks(reason="a test of inputs"))
     made = bench.session
     bench.close()
     for name, result in DECLARED.items():

@@ -2,10 +2,12 @@
 
 import numpy as np
 
-from rona_core.app.dependencies.inputs import require_result
-from rona_core.app.dependencies.staleness import session_obstacles, stale_reason
+from rona_core.app.dependencies.inputs import required
+from rona_core.app.dependencies.judge import judge
+from rona_core.app.dependencies.staleness import session_obstacles
 from rona_core.app.steps.implant.bed_milling import MillingView, robot_path_of
 from rona_core.app.steps.implant.burr.inputs import KNOWN_BURR
+from rona_core.app.steps.implant.inputs import MILLING
 from rona_core.app.steps.implant.milling_derivation import spindle_model
 from rona_core.app.steps.implant.milling_plan import MillingPlan, why_no_milling
 from rona_core.app.steps.implant.view import milling_view
@@ -38,10 +40,12 @@ def milling_plan_of(session: Session) -> MillingPlan | None:
 @remember(4)  # sessions never change, and the replay asks many times a second
 def milling_stale(session: Session) -> str | None:
     """Return why the planned milling counts no more, None while it does: then it may be drawn."""
-    reason, plan = stale_reason("milling", session), milling_plan_of(session)
+    found, plan = judge(MILLING, session), milling_plan_of(session)
+    if found.state == "stale":
+        return found.reason
     certificate = None if plan is None else plan.certificate
-    if reason is not None or certificate is None:
-        return reason
+    if certificate is None:
+        return None
     return certificate.superseded(milling_model(session, milling_view(session)), INSISTED)
 
 
@@ -52,9 +56,7 @@ def require_certified(session: Session) -> tuple[MillingPlan, Trajectory]:
         StepBlockedError: there is no plan, or none that is certified for this robot; it says why.
         StaleResultError: it is of another bed, robot or surroundings.
     """
-    plan: MillingPlan = require_result(
-        session.results.get("milling"), "plan the milling (step 10)"
-    ).value
+    plan = required(MILLING, session)
     if (reason := milling_stale(session)) is not None:
         raise StaleResultError(f"the plan of the milling is stale: {reason}")
     motion, certificate = plan.trajectory, plan.certificate

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.runtime.free_memory import release_memory
 from rona_core.app.steps.implant.messages import RehearseMilling
 from rona_core.app.steps.implant.milling_motion import require_certified
@@ -104,7 +104,8 @@ def derive_rehearsal(
 @remember(4)  # sessions never change
 def rehearsal_stale(session: Session) -> str | None:
     """Return why the rehearsal counts no more, None while it does."""
-    return stale_reason("rehearsal", session)
+    found = judge_part("rehearsal", session)
+    return found.reason if found.state == "stale" else None
 
 
 def rehearsal_verdict(found: Rehearsal) -> str:

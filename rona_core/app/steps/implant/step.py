@@ -9,8 +9,7 @@ from rona_core.app.declarations.declarations import (
     Remedy,
 )
 from rona_core.app.declarations.inputs import Input
-from rona_core.app.dependencies.judge import judge_part
-from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.dependencies.judge import fresh, judge_part
 from rona_core.app.runtime.handling import compute, compute_result, computed, strip_for_worker
 from rona_core.app.steps.acoustics.inputs import DETECTION
 from rona_core.app.steps.acoustics.messages import StartCaliperMeasurements
@@ -117,10 +116,8 @@ def _summary(session: Session) -> str:
 
 def _milled(session: Session) -> str:
     """Return what became of the plan to mill the bed, as long as it is of this bed."""
-    held = session.results.get("milling")
-    if held is None or stale_reason("milling", session) is not None:
-        return ""
-    return f"; {milling_summary(held.value)}"
+    plan = fresh("milling", session)
+    return "" if plan is None else f"; {milling_summary(plan)}"
 
 
 MAPPED_BED = Input(

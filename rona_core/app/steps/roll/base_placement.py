@@ -10,7 +10,7 @@ from rona_core.app.declarations.declarations import (
     Remedy,
 )
 from rona_core.app.dependencies.inputs import require_result
-from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.dependencies.judge import fresh
 from rona_core.app.messages.message import StoreResult
 from rona_core.app.messages.serialization import serialize_arguments
 from rona_core.app.runtime.handling import compute
@@ -119,8 +119,7 @@ class PlacementView:
 
 def fresh_placement(session: Session) -> BasePlacement | None:
     """Return the places that were found, while they hold for the robot and path of now."""
-    found = session.results.placement
-    return None if found is None or stale_reason("placement", session) else found.value
+    return fresh("placement", session)
 
 
 def placement_view(session: Session) -> PlacementView | None:
