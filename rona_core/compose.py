@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from rona_core.app.declarations.declarations import Compute, compute_here
-from rona_core.app.dependencies.inputs import require_result
+from rona_core.app.dependencies.inputs import required
 from rona_core.app.overview.predicted_accuracy import predicted_figures
 from rona_core.app.procedure import (
     TO_MAPS,
@@ -24,6 +24,7 @@ from rona_core.app.steps.implant.messages import RehearseMilling
 from rona_core.app.steps.implant.milling_motion import milling_model
 from rona_core.app.steps.implant.rehearsal import Rehearsal, derive_rehearsal
 from rona_core.app.steps.implant.view import milling_view
+from rona_core.app.steps.maps.inputs import MAPS
 from rona_core.app.steps.setup.messages import (
     SetProbe,
     SetRegion,
@@ -130,8 +131,7 @@ def virtual_map_errors(session: Session, rig: Rig) -> MapErrors:
     """
     if not isinstance(rig, VirtualRig):
         raise DeviceError("errors against ground truth need virtual devices")
-    made = require_result(session.results.maps, "map the boundaries (step 9)")
-    return errors_of_maps(made.value, truth_of(session, rig.scene))
+    return errors_of_maps(required(MAPS, session), truth_of(session, rig.scene))
 
 
 def milling_site(session: Session, number: int) -> VirtualMillingSite:

@@ -9,12 +9,13 @@ import numpy as np
 
 from benchmarks.metric import Metric
 from benchmarks.timed_procedure import NOMINAL_SETUP
-from rona_core.app.dependencies.inputs import require_result, required
-from rona_core.app.steps.acoustics.inputs import HELD_PROBE
+from rona_core.app.dependencies.inputs import required
+from rona_core.app.steps.acoustics.inputs import DETECTION, HELD_PROBE
+from rona_core.app.steps.path.inputs import SMOOTHING
 from rona_core.app.steps.roll.derivation import plan_settings
 from rona_core.app.steps.roll.inputs import DRIVEN
 from rona_core.app.steps.roll.messages import StartRollSearch
-from rona_core.app.steps.scan.inputs import POSES
+from rona_core.app.steps.scan.inputs import POSES, SCAN
 from rona_core.compose import build_virtual_rig
 from rona_core.devices.samples import AScanTrack
 from rona_core.geometry.path5d import Path5D
@@ -77,7 +78,7 @@ def _frames() -> Metric:
 
 def _path_length(session: Session) -> Metric:
     """Plan the beginning of the session's path, there and back as often as the length asks for."""
-    path = require_result(session.results.smoothing, "smooth").value.path
+    path = required(SMOOTHING, session).path
     model = robot_model(session.setup.devices.robot.model)
     settings = plan_settings(required(DRIVEN, session), StartRollSearch())
     there = np.arange(max(2, len(path) // PATH_PART))
@@ -93,7 +94,7 @@ def _path_length(session: Session) -> Metric:
 
 
 def _scans(session: Session) -> Metric:
-    scans, poses = require_result(session.captures.scan, "scan").scans, required(POSES, session)
+    scans, poses = required(SCAN, session).scans, required(POSES, session)
     devices = session.setup.devices.probe
     amounts = [len(scans) // DOUBLED[-1] * times for times in DOUBLED]
 
@@ -121,7 +122,7 @@ def _scans(session: Session) -> Metric:
 
 
 def _cells(session: Session) -> Metric:
-    detection = require_result(session.results.detection, "detect").value
+    detection = required(DETECTION, session)
     found = LocatedDetection(detection, required(POSES, session))
     widths_mm = [CELL_MM / math.sqrt(times) for times in DOUBLED]
     amounts = [int(build_maps(found, cell_mm=width).outer.ok.sum()) for width in widths_mm]

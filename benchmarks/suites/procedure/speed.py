@@ -23,12 +23,12 @@ from benchmarks.timed_procedure import (
     share_metrics,
     timed_procedure,
 )
-from rona_core.app.dependencies.inputs import require_result, required
+from rona_core.app.dependencies.inputs import required
 from rona_core.app.steps.acoustics.inputs import ROBOT_PROBE
 from rona_core.app.steps.maps.derivation import Survey, detect_survey
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.scan.force_controlled_scan import ContactLoop
-from rona_core.app.steps.scan.inputs import POSES
+from rona_core.app.steps.scan.inputs import POSES, SCAN
 from rona_core.compose import build_virtual_rig
 from rona_core.devices.protocols import never, silent
 from rona_core.session.document import Session
@@ -134,7 +134,7 @@ def _frame() -> list[Metric]:
 
 def _detection(session: Session) -> list[Metric]:
     """Return how fast both boundaries are found in the A-scans of a session."""
-    scans, message = require_result(session.captures.scan, "scan").scans, StartMapping()
+    scans, message = required(SCAN, session).scans, StartMapping()
     excitation = session.setup.devices.probe.excitation
     probe = required(ROBOT_PROBE, session)
     survey = Survey(scans, required(POSES, session), probe, excitation)

@@ -15,7 +15,8 @@ import numpy as np
 from benchmarks.metric import Metric, Progress, cpu_ms, over_seeds
 from benchmarks.reference.volume_modes import compounded, filled
 from benchmarks.suites.honesty.design import session_of
-from rona_core.app.dependencies.inputs import require_result
+from rona_core.app.dependencies.inputs import required
+from rona_core.app.steps.maps.inputs import MAPS
 from rona_core.app.steps.maps.volume import echo_volume, scan_lines
 from rona_core.geometry.pose import Pose
 from rona_core.mapping.boundary_map import BoundaryMap
@@ -38,7 +39,7 @@ def run(progress: Progress) -> list[Metric]:
     lines: ScanLines | None = None
     for session in sessions(progress):
         lines = scan_lines(session)
-        maps = require_result(session.results.maps, "map the boundaries").value
+        maps = required(MAPS, session)
         for name, volume in modes(echo_volume(session), lines):
             found.setdefault(name, []).append(ridge_agreement(volume, maps))
     metrics = [metric for name, parts in found.items() for metric in figures(name, parts)]

@@ -58,10 +58,3 @@ def required(item: Input[T] | Quantity[T], session: Session) -> T:
         parts = (item,) if isinstance(item, Input) else tuple(item.inputs().values())
         raise StepBlockedError(f"first {missing(parts, session) or wanted_for(parts[0])}")
     return value
-
-
-def require_result(value: T | None, wanted: str) -> T:
-    """Return ``value``; raise StepBlockedError that says what to do first where it is missing."""
-    if value is None or value == ():
-        raise StepBlockedError(f"first {wanted}")
-    return value

@@ -75,7 +75,7 @@ def test_the_bone_is_a_body_in_the_place_of_the_robot(demo, archive):
 
 
 def test_maps_that_do_not_count_are_not_exported(demo):
-    with pytest.raises(StepBlockedError, match="map the boundaries"):
+    with pytest.raises(StepBlockedError, match="compute the maps"):
         REGISTRY.export(Session(), ALL)
     with pytest.raises(NotFoundError, match="there is no file"):
         REGISTRY.export(demo, "bone.stp")

@@ -80,9 +80,9 @@ def test_the_iso_surface_has_an_outer_and_an_inner_sheet(demo):
 def test_without_a_scan_or_maps_it_is_blocked(demo):
     with pytest.raises(StepBlockedError, match="scan"):
         echo_volume(Session())
-    with pytest.raises(StepBlockedError, match="map the boundaries"):
+    with pytest.raises(StepBlockedError, match="compute the maps"):
         echo_volume(demo.with_result("maps", None))
-    with pytest.raises(StepBlockedError, match="map the boundaries"):
+    with pytest.raises(StepBlockedError, match="detect the boundaries"):
         echo_volume(demo.with_result("detection", None))
 
 

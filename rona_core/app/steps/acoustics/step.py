@@ -6,7 +6,7 @@ import numpy as np
 
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext, Message, Remedy
-from rona_core.app.dependencies.inputs import require_result, required
+from rona_core.app.dependencies.inputs import required
 from rona_core.app.dependencies.judge import by_verdict
 from rona_core.app.dependencies.staleness import capture_setup_digest, stale_reason
 from rona_core.app.runtime.handling import compute_result, computed, record
@@ -40,7 +40,7 @@ def capture_thickness(
     activity: messages.StartCaliperMeasurements, session: Session, context: ActivityContext
 ) -> ReferenceCapture:
     """Measure the thickness at well-chosen places of the scan with a caliper."""
-    detection = require_result(session.results.detection, "map the boundaries (step 9)").value
+    detection = required(DETECTION, session)
     poses = required(POSES, session)
     places = entry_points(session, detection)
     known = KNOWN_SPEED.read(session) if activity.append else None
@@ -101,7 +101,7 @@ def add_reference_point(message: messages.AddReferencePoint, session: Session) -
     """Carry out `AddReferencePoint`."""
     place = np.array(message.place_base_mm or (0.0, 0.0, 0.0))
     if message.scan is not None:
-        detection = require_result(session.results.detection, "map the boundaries (step 9)").value
+        detection = required(DETECTION, session)
         if stale_reason("detection", session) is not None:
             raise StepBlockedError("AddReferencePoint is blocked: map the boundaries again first")
         require_point(detection, message.scan)

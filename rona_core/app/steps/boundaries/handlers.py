@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.dependencies.inputs import require_result, required
+from rona_core.app.dependencies.inputs import required
 from rona_core.app.dependencies.staleness import made_of
 from rona_core.app.steps.acoustics.inputs import HELD_PROBE, ROBOT_PROBE
 from rona_core.app.steps.boundaries.messages import ClearBoundaryCorrections, CorrectBoundary
@@ -54,9 +54,9 @@ def detection_of_scan(session: Session, scan: ScanName = "first") -> Detection |
 
 def correct_boundary(message: CorrectBoundary, session: Session) -> Session:
     """Carry out `CorrectBoundary`."""
-    track = require_result(
-        scans_of(session, message.scan), REGISTRY.captures[CAPTURES[message.scan]].wanted
-    )
+    track = scans_of(session, message.scan)
+    if track is None:
+        raise StepBlockedError(f"first {REGISTRY.captures[CAPTURES[message.scan]].wanted}")
     n, edit = len(track), message.edit()
     if message.number >= n:
         raise InvalidInputError(f"there are {n} A-scans, numbered from 0: not {message.number}")

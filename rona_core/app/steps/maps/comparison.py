@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rona_core.app.declarations.declarations import ActivityContext
-from rona_core.app.dependencies.inputs import require_result
+from rona_core.app.dependencies.inputs import required
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.messages.message import Answer
 from rona_core.app.steps.maps.accuracy import map_accuracy
+from rona_core.app.steps.maps.inputs import MAPS
 from rona_core.app.steps.maps.messages import StartComparison
 from rona_core.devices.files.size_limits import read_file
 from rona_core.devices.files.triangle_file import MESH_SUFFIXES, read_triangles
@@ -128,7 +129,7 @@ def compare_with_truth(session: Session, errors: MapErrors) -> MapComparison:
 
 
 def _maps(session: Session, whose: str) -> Maps:
-    maps: Maps = require_result(session.results.maps, "map the boundaries (step 9)").value
+    maps: Maps = required(MAPS, session)
     if (reason := stale_reason("maps", session)) is not None:
         raise StaleResultError(f"the maps of {whose} are stale: {reason}")
     return maps

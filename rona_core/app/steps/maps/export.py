@@ -9,9 +9,10 @@ from functools import partial
 
 from rona_core import __version__
 from rona_core.app.declarations.declarations import Export
-from rona_core.app.dependencies.inputs import require_result
+from rona_core.app.dependencies.inputs import required
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.maps.accuracy import map_accuracy
+from rona_core.app.steps.maps.inputs import MAPS
 from rona_core.errors import StaleResultError
 from rona_core.mapping.accuracy.error_terms import CellSigma
 from rona_core.mapping.files.map_mesh import MapMesh, boundary_mesh, plate_mesh
@@ -82,7 +83,7 @@ def map_sheet(session: Session) -> MapSheet:
         StepBlockedError: nothing was mapped.
         StaleResultError: the maps are out of date.
     """
-    maps = require_result(session.results.maps, "map the boundaries (step 9)").value
+    maps = required(MAPS, session)
     reason = stale_reason("maps", session)
     if reason is not None:
         raise StaleResultError(f"the maps are stale: {reason}")

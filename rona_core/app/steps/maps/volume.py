@@ -4,11 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.app.dependencies.inputs import require_result, required
+from rona_core.app.dependencies.inputs import required
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.steps.acoustics.inputs import ROBOT_PROBE
+from rona_core.app.steps.acoustics.inputs import DETECTION, ROBOT_PROBE
 from rona_core.app.steps.maps.further_passes import joined_poses, joined_scans
-from rona_core.app.steps.scan.inputs import PLACES, POSES
+from rona_core.app.steps.maps.inputs import MAPS
+from rona_core.app.steps.scan.inputs import PLACES, POSES, SCAN
 from rona_core.devices.samples import AScanTrack
 from rona_core.devices.settings import Excitation
 from rona_core.errors import StaleResultError
@@ -26,7 +27,6 @@ from rona_core.ultrasound.detection.echo_profiles import EchoProfiles, echo_prof
 from rona_core.ultrasound.detection.manual_corrections import ScanName, corrected
 from rona_core.ultrasound.probe.probe_model import ProbeModel, ProbeSurvey
 
-MAP_FIRST = "map the boundaries (step 9)"
 _LINES: Memo[ScanLines] = Memo(2)  # the A-scans stay as they are while a grid is chosen
 
 
@@ -45,13 +45,13 @@ def echo_volume(session: Session, settings: VolumeSettings | None = None) -> Ech
         StaleResultError: the maps or what was detected are out of date.
         InvalidInputError: the grid would have too many voxels.
     """
-    lines, maps = scan_lines(session), _maps(session)
+    lines, maps = scan_lines(session), required(MAPS, session)
     return _volume(lines, maps, required(ROBOT_PROBE, session), settings or VolumeSettings())
 
 
 def volume_agreement(session: Session) -> RidgeAgreement | None:
     """Return how the inner ridge of the usual volume lies beside the inner map; errors as above."""
-    return _agreement(echo_volume(session), _maps(session))
+    return _agreement(echo_volume(session), required(MAPS, session))
 
 
 def volume_surface(session: Session, level_db: float, gain_db_per_mm: float = 0.0) -> IsoSurface:
@@ -101,11 +101,6 @@ def _surface(volume: EchoVolume, level_db: float, gain_db_per_mm: float) -> IsoS
     return iso_surface(volume, level_db, gain_db_per_mm)
 
 
-def _maps(session: Session) -> Maps:
-    maps: Maps = require_result(session.results.maps, MAP_FIRST).value
-    return maps
-
-
 def scan_lines(session: Session) -> ScanLines:
     """Return the A-scans of all passes whose outer boundary went into the maps, as lines.
 
@@ -113,9 +108,9 @@ def scan_lines(session: Session) -> ScanLines:
         StepBlockedError: there is no scan, or nothing was mapped.
         StaleResultError: the maps or what was detected are out of date.
     """
-    require_result(session.captures.scan, "scan (step 8)")
-    maps = _maps(session)
-    require_result(session.results.detection, MAP_FIRST)
+    required(SCAN, session)
+    maps = required(MAPS, session)
+    required(DETECTION, session)
     for name in ("detection", "second_detection", "maps"):
         reason = stale_reason(name, session)
         if reason is not None:

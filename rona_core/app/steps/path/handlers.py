@@ -6,13 +6,15 @@ from functools import singledispatch
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.app.dependencies.inputs import require_result
+from rona_core.app.dependencies.inputs import required
 from rona_core.app.dependencies.judge import require_inputs
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.messages.message import Point
 from rona_core.app.messages.serialization import message_from
 from rona_core.app.runtime.handling import compute_result
 from rona_core.app.steps.path import messages
+from rona_core.app.steps.path.inputs import PATH, SMOOTHING
+from rona_core.app.steps.surface.inputs import SURFACE
 from rona_core.errors import InvalidInputError, StaleResultError
 from rona_core.geometry.arrays import Floats, Vector3, as_vector3
 from rona_core.geometry.surface.surface_pick import pick_surface_point, project_to_surface
@@ -62,7 +64,7 @@ def _(message: messages.DeletePathPoint, session: Session) -> PathEdits:
 
 @edited.register
 def _(message: messages.PinPathSample, session: Session) -> PathEdits:
-    raw = require_result(session.results.path, "demonstrate the scan path").value.points_base
+    raw = required(PATH, session).points_base
     at = np.flatnonzero(edit_path(raw, session.path_edits.changes).samples == message.sample)
     if message.sample < 0 or not len(at):
         raise InvalidInputError(
@@ -84,7 +86,7 @@ def sight(session: Session, origin_base: ArrayLike, direction_base: ArrayLike) -
         StepBlockedError: no surface was sampled yet.
         DegenerateGeometryError: none was measured there.
     """
-    cloud = require_result(session.results.surface, "sample the surface (step 4)").value
+    cloud = required(SURFACE, session)
     return pick_surface_point(cloud.points_base, origin_base, direction_base)
 
 
@@ -114,7 +116,7 @@ def _with(session: Session, edit: PathEdit) -> PathEdits:
 
 
 def _fresh(session: Session) -> SmoothPath:
-    smooth = require_result(session.results.smoothing, "smooth the path (step 6)").value
+    smooth = required(SMOOTHING, session)
     reason = stale_reason("smoothing", session)
     if reason is not None:
         raise StaleResultError(f"the points of a stale path cannot be changed ({reason}): smooth "
@@ -139,7 +141,7 @@ def place_on_surface(point: Point, eye: Point | None, session: Session) -> Point
         StepBlockedError: no surface was sampled yet.
         DegenerateGeometryError: none was measured there.
     """
-    cloud = require_result(session.results.surface, "sample the surface (step 4)").value.points_base
+    cloud = required(SURFACE, session).points_base
     if eye is None:
         place = project_to_surface(cloud, point)
     else:
@@ -150,7 +152,7 @@ def place_on_surface(point: Point, eye: Point | None, session: Session) -> Point
 
 def is_kept(session: Session, sample: int) -> bool:
     """Return whether a sample of the demonstrated path must stay when it is smoothed."""
-    raw = require_result(session.results.path, "demonstrate the scan path").value.points_base
+    raw = required(PATH, session).points_base
     path = edit_path(raw, session.path_edits.changes)
     return bool(path.keep[path.samples == sample].any())
 

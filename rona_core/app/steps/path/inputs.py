@@ -20,10 +20,11 @@ from rona_core.geometry.arrays import Vector3
 from rona_core.geometry.surface.cloud import SurfaceCloud
 from rona_core.path.painted_regions import PaintedRegions
 from rona_core.session.captures import PointerCapture
-from rona_core.session.document import RawPath, Session
+from rona_core.session.document import RawPath, Session, SmoothPath
 
 PATH_CAPTURE: Input[PointerCapture] = capture_input("path")
 PATH: Input[RawPath] = result_input("path")
+SMOOTHING: Input[SmoothPath] = result_input("smoothing")
 REFERENCE = Input(lambda s: found_again(s, (s.captures.path,)), CHOOSE_REFERENCE)
 
 

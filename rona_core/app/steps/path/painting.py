@@ -7,13 +7,14 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from rona_core.app.declarations.inputs import Input
-from rona_core.app.dependencies.inputs import require_result
+from rona_core.app.dependencies.inputs import required
 from rona_core.app.dependencies.judge import require_inputs
 from rona_core.app.steps.path.messages import (
     ClearPaintedRegions,
     PaintRegion,
     StartPathCapture,
 )
+from rona_core.app.steps.surface.inputs import SURFACE
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.pose import Pose
@@ -38,7 +39,7 @@ def paint_region(message: PaintRegion, session: Session) -> Session:
         InvalidInputError: the stroke lies off the surface, or there are too many.
     """
     require_inputs(PaintRegion, session)
-    cloud = require_result(session.results.surface, "sample the surface (step 4)").value.points_base
+    cloud = required(SURFACE, session).points_base
     away_mm = float(KDTree(cloud).query(np.array(message.stroke_base_mm))[0].min())
     if away_mm > ON_SURFACE_MM + message.radius_mm:
         raise InvalidInputError(

@@ -5,7 +5,6 @@ import numpy as np
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext
 from rona_core.app.dependencies.base_reference import carried_remark
-from rona_core.app.dependencies.inputs import result_input
 from rona_core.app.messages.message import Point
 from rona_core.app.runtime.deriving import read_inputs
 from rona_core.app.runtime.handling import record
@@ -13,7 +12,7 @@ from rona_core.app.runtime.recording import capture_stroke
 from rona_core.app.steps.path import messages
 from rona_core.app.steps.path.derivation import draw_pattern, map_path
 from rona_core.app.steps.path.handlers import change_path, compute_path
-from rona_core.app.steps.path.inputs import PATH, PATH_CAPTURE, PatternInputs, is_pattern
+from rona_core.app.steps.path.inputs import PATH, PATH_CAPTURE, SMOOTHING, PatternInputs, is_pattern
 from rona_core.app.steps.path.painting import (
     CLEARANCE_MM,
     HAND_MM,
@@ -29,8 +28,6 @@ from rona_core.app.steps.tool.inputs import TOOL
 from rona_core.app.steps.tool.step import moved_tracker
 from rona_core.session.captures import PointerCapture
 from rona_core.session.document import Session
-
-SMOOTHING = result_input("smoothing")
 
 
 def capture_path(

@@ -9,12 +9,12 @@ from rona_core.app.declarations.declarations import (
     Judgement,
     Remedy,
 )
-from rona_core.app.dependencies.inputs import require_result
+from rona_core.app.dependencies.inputs import required
 from rona_core.app.dependencies.judge import fresh
 from rona_core.app.messages.message import StoreResult
 from rona_core.app.messages.serialization import serialize_arguments
 from rona_core.app.runtime.handling import compute
-from rona_core.app.steps.roll.inputs import OWN_ROLLS
+from rona_core.app.steps.roll.inputs import OWN_ROLLS, PLACEMENT
 from rona_core.app.steps.roll.messages import (
     ApplyBasePlacement,
     StartBasePlacement,
@@ -92,7 +92,7 @@ def require_move(session: Session, which: Which) -> RobotSettings:
     Raises:
         NotReachableError: no place was found, or the base stands there already.
     """
-    placement = require_result(session.results.placement, "look for a place of the base").value
+    placement = required(PLACEMENT, session)
     place = placement.best if which == "best" else placement.smallest
     if place is None:
         raise NotReachableError(f"the base stays where it is: {placement.reasons[-1]}")

@@ -6,13 +6,17 @@ from rona_core.app.declarations.declarations import Arguments
 from rona_core.app.declarations.inputs import Input, Quantity, given, inputs
 from rona_core.app.dependencies.inputs import result_input
 from rona_core.app.messages.serialization import message_from
+from rona_core.app.steps.path.inputs import SMOOTHING
 from rona_core.app.steps.roll.messages import StartRollSearch
 from rona_core.app.steps.setup.inputs import BASE, MODEL, OBSTACLES, SCAN_SPEED
 from rona_core.devices.settings import RobotSettings
+from rona_core.robot.base_placement.candidates import BasePlacement
 from rona_core.robot.collision.obstacles import Obstacles
+from rona_core.robot.planning.plan import RobotPlan
 from rona_core.session.document import Session, SmoothPath
 
-SMOOTHING: Input[SmoothPath] = result_input("smoothing")
+ROLL: Input[RobotPlan] = result_input("roll")
+PLACEMENT: Input[BasePlacement] = result_input("placement")
 
 
 def last_roll_search(session: Session) -> StartRollSearch:

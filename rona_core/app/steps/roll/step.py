@@ -1,7 +1,7 @@
 """Roll: motion planning over the free angle about the probe, and placement of the base."""
 
 from rona_core.app.declarations import declarations as declare
-from rona_core.app.dependencies.inputs import require_result, required, result_input
+from rona_core.app.dependencies.inputs import required
 from rona_core.app.dependencies.judge import require_inputs
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.messages.message import values_of
@@ -18,18 +18,15 @@ from rona_core.app.steps.roll.derivation import (
     plan_motion,
     plan_motion_again,
 )
-from rona_core.app.steps.roll.inputs import DRIVEN, SMOOTHING
+from rona_core.app.steps.roll.inputs import DRIVEN, PLACEMENT, ROLL, SMOOTHING
 from rona_core.app.steps.roll.place_search import find_places, find_places_again
 from rona_core.app.steps.roll.plan_reasons import roll_summary
 from rona_core.app.steps.setup.messages import SetRobot
 from rona_core.app.steps.setup.step import set_robot
 from rona_core.app.steps.tool.messages import StartRobotMove
 from rona_core.app.steps.tool.robot_motion import move_robot, require_joint_limits
-from rona_core.errors import StaleResultError
-from rona_core.robot.planning.plan import RobotPlan
+from rona_core.errors import StaleResultError, StepBlockedError
 from rona_core.session.document import Derived, Session
-
-ROLL, PLACEMENT = result_input("roll"), result_input("placement")
 
 
 def apply_base_placement(message: messages.ApplyBasePlacement, session: Session) -> Session:
@@ -45,7 +42,9 @@ def apply_base_placement(message: messages.ApplyBasePlacement, session: Session)
 def choose_roll(message: messages.ChooseRoll, session: Session) -> Session:
     """Carry out `ChooseRoll`."""
     require_inputs(type(message), session)
-    searched: Derived[RobotPlan] = require_result(session.results.roll, "plan the motion (step 7)")
+    searched = session.results.roll
+    if searched is None:
+        raise StepBlockedError("first plan the motion (step 7)")
     driven = required(DRIVEN, session)
     plan = plan_chosen_roll(driven, searched.value, message.index, message.branch)
     arguments = {**searched.arguments, "chosen": message.index, "branch": message.branch}
