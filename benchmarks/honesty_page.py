@@ -39,9 +39,9 @@ algorithm knows. Each seed has its tracker, robot and pointer by a balanced desi
 equally often (`benchmarks/suites/honesty/design.py`). Nothing was tuned on these seeds.
 
 What robot and tracker do the same every time is assumed to be about as large as stated, as it is in
-this world. Where the robot errs by twice as much the maps miss their bands, and in 15 of 18
+this world. Where the robot errs by twice as much the maps miss their bands, and in 29 of 36
 sessions [residuals or landmarks](algorithms/navigation/tool_registration.md) warn of it; where it
-errs as stated, in 1 of 18.
+errs as stated, in 5 of 54.
 
 *Ratio*: mean of (error / predicted sigma)², honest is 1, goal {RATIO_GOAL[0]:g} to
 {RATIO_GOAL[1]:g}. *Band*: share of errors within 1.96 sigma, honest is 0.95, goal
