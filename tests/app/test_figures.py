@@ -11,16 +11,16 @@ from rona_core.app.overview.predicted_accuracy import predicted_figures
 from rona_core.app.report.sections import quality_section
 from rona_core.app.steps.maps.accuracy import map_accuracy
 from rona_core.app.steps.maps.error_budget import error_budgets
-from rona_core.compose import build_virtual_rig, evaluate_virtual
 from rona_core.session.document import Session
 from rona_ui.panels.layout.quality import table
+from tests.scenes import demo_parts
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope="module")
-def figures(demo):
-    return evaluate_virtual(demo, build_virtual_rig(demo.setup))
+def figures():
+    return demo_parts.figures()
 
 
 def full():

@@ -2,9 +2,11 @@
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
+from rona_core.app.runtime import workbench
 from rona_core.app.steps.maps.messages import StartMapping
-from rona_core.compose import new_workbench
+from rona_core.compose import build_virtual_rig, evaluate_virtual, new_workbench
 from rona_core.session.document import Captures, Results, Session
 from rona_core.session.files import load_session
 from rona_ui.resources import demo_session
@@ -12,8 +14,18 @@ from rona_ui.resources import demo_session
 
 @cache
 def demo() -> Session:
-    """Return the demo session; it is loaded once, and nothing can change it."""
+    """Return the demo session; it is loaded once, and nothing can change it.
+
+    What was computed from it is kept when a workbench is closed: other tests ask for it again.
+    """
+    workbench.forget_all = lambda: None
     return load_session(demo_session())
+
+
+@cache
+def figures() -> dict[str, Any]:
+    """Return the figures of the demo session, with those that need the truth."""
+    return evaluate_virtual(demo(), build_virtual_rig(demo().setup))
 
 
 def registered() -> Session:

@@ -129,6 +129,7 @@ def test_maps_are_compared_with_the_true_bone_and_with_a_file(web, client, demo,
     assert (answer.status_code, answer.json()["code"]) == (409, "step_blocked")
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize(
     ("name", "options", "words"),
     [

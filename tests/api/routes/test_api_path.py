@@ -29,6 +29,7 @@ def smoothing(client, address):
     return client.get(f"{address}/results/smoothing").json()["results"]["smoothing"]["value"]
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("metric", ["k1", "k2", "k3"])
 @pytest.mark.parametrize("method", ["optimal", "fast", "greedy", "rdp"])
 def test_every_metric_is_answered_with_the_method_that_was_used(

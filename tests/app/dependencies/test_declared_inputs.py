@@ -23,8 +23,6 @@ from rona_core.app.steps.path.messages import PaintRegion
 from rona_core.app.steps.scan.landmarks.messages import OverrideLandmarks
 from rona_core.compose import new_workbench
 from rona_core.session.document import Derived, Session
-from rona_core.session.files import load_session
-from rona_ui.resources import demo_session
 from tests.helpers.derived import derived
 
 DECLARED = {name: REGISTRY.result(name) for name in REGISTRY.replayed}
@@ -39,9 +37,9 @@ class StandIn:
 
 
 @pytest.fixture(scope="module")
-def session():
+def session(demo):
     """The demo, with A-scans on the block and by hand, and stand-ins of what takes long."""
-    bench = new_workbench(load_session(demo_session()))
+    bench = new_workbench(demo)
     bench.run(StartDelayLineCapture(n=8))
     bench.dispatch(CalibrateDelayLine(use=False))
     bench.run(StartHandheldCalibration(pivot_s=8.0, spin_s=8.0))

@@ -48,6 +48,7 @@ def bench(shared, demo):
     return shared
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize(
     ("activity", "asked"),
     [

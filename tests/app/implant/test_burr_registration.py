@@ -50,6 +50,7 @@ def registered(seed, **world):
     return made, truth
 
 
+@pytest.mark.slow
 def test_the_seat_tells_where_the_tip_is_as_surely_as_it_says():
     squares = []
     for seed in range(33000, 33004):

@@ -127,6 +127,12 @@ def test_the_command_prints_the_figures(demo, tmp_path, capsys):
     assert main(["compare", str(demo_session()), str(path), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["figures"][0]["rms_mm"] < 0.001
+    assert main(["compare", str(demo_session()), str(tmp_path / "none.ply")]) == 2
+    assert "none.ply" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_command_reads_a_ct_with_its_threshold(demo, tmp_path, capsys):
     head = tmp_path / "head.nii"
     head.write_bytes(ct_of(demo.results.maps.value))
     words = ["compare", str(demo_session()), str(head), "--json"]
@@ -134,5 +140,3 @@ def test_the_command_prints_the_figures(demo, tmp_path, capsys):
     assert "give the threshold" in capsys.readouterr().err
     assert main([*words, "--threshold", "750"]) == 0
     assert json.loads(capsys.readouterr().out)["figures"][0]["p95_mm"] < 0.06
-    assert main(["compare", str(demo_session()), str(tmp_path / "none.ply")]) == 2
-    assert "none.ply" in capsys.readouterr().err

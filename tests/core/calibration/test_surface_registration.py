@@ -149,6 +149,7 @@ def test_a_wide_patch_with_gross_errors_is_met_and_its_error_predicted(skull):
     assert 0.6 < np.sqrt(np.mean(np.square(misses))) / np.mean(expected) < 1.4
 
 
+@pytest.mark.slow
 def test_the_covariance_is_that_of_many_patches(skull):
     deviations, predicted = [], []
     rng = np.random.default_rng(3)

@@ -83,6 +83,7 @@ def test_the_curvature_of_a_sphere_is_one_over_its_radius():
 # --- maps ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("seed", [1, 2])
 def test_both_boundaries_are_mapped_in_spite_of_flags_and_wrong_echoes(seed):
     rng, skull = np.random.default_rng(seed), WavySkull(seed + 30)

@@ -118,6 +118,7 @@ def test_with_a_covered_base_marker_and_no_robot_there_is_no_reference(by_hand):
         bench.close()
 
 
+@pytest.mark.slow
 def test_with_a_registered_robot_the_maps_are_in_its_base_and_the_delay_is_known():
     bench = new_workbench(Session())
     try:

@@ -39,6 +39,7 @@ def read(name, *, positions=True, known_start=True):
     return rf_from_arrays(arrays, name)
 
 
+@pytest.mark.sweep(1)
 @real
 @pytest.mark.parametrize("positions", [True, False])
 @pytest.mark.parametrize("known_start", [True, False])
@@ -97,6 +98,7 @@ def test_converters_that_take_turns_have_limits_of_their_own():
     assert not found[~near].any()
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize(("back", "seed"), [(-0.6, 4), (-0.6, 5), (0.6, 3), (0.6, 4)])
 def test_a_back_wall_cut_off_as_much_as_the_front_turns_no_half_cycle(back, seed):
     made = record(varied(COARSE, full_scale=0.2, back=back, seed=seed))
