@@ -28,6 +28,7 @@ def figures() -> dict[str, Any]:
     return evaluate_virtual(demo(), build_virtual_rig(demo().setup))
 
 
+@cache
 def registered() -> Session:
     """Return the demo session as it was after step 3: tool and pointer calibrated."""
     session = demo()
@@ -36,6 +37,7 @@ def registered() -> Session:
     return replace(session, captures=captures, results=results, archive=())
 
 
+@cache
 def without_reference_points() -> Session:
     """Return the demo session mapped at the published speed of sound, nothing of it stale."""
     session = demo().with_capture("references", None)

@@ -229,6 +229,7 @@ def test_a_stale_value_that_is_handed_is_found(session, monkeypatch):
     assert handed_stale(session, "maps") == [("second", "capture second")]
 
 
+@pytest.mark.slow
 def test_after_another_scan_the_passes_of_the_old_one_are_not_mapped(session):
     scan = session.captures.scan
     again = replace(scan, ordinal=scan.ordinal + 1, joints=replace(scan.joints))

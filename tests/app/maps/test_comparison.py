@@ -74,6 +74,7 @@ def test_a_mesh_in_another_place_is_laid_under_the_outer_map(demo):
     assert laid.figures[0].rms_mm < 0.05
 
 
+@pytest.mark.slow
 def test_maps_beside_a_ct_of_themselves_differ_by_little(demo):
     ct = ct_of(demo.results.maps.value)
     with pytest.raises(InvalidInputError, match="give the threshold"):

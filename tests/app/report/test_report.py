@@ -109,6 +109,7 @@ def test_it_stands_alone(demo):
     assert "@page{size:A4" in demo[2]
 
 
+@pytest.mark.slow
 def test_the_same_session_gives_the_same_bytes(demo):
     forget_all()
     assert session_report(load_session(DEMO), demo[1], "VIRTUAL") == demo[2]

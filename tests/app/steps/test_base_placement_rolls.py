@@ -56,6 +56,7 @@ def test_a_place_is_suggested_where_such_a_search_is_certified_and_nowhere_else(
     assert digest(again) == digest(held.value)
 
 
+@pytest.mark.slow
 def test_a_place_found_for_other_rolls_is_stale(bench):
     bench.run(StartRollSearch())
     bench.run(HERE)

@@ -80,6 +80,7 @@ def test_what_all_echoes_have_in_common_counts_with_the_mean_speed(demo, figures
     assert figures["thickness_by_speed_mm"] == pytest.approx(abs(errors[sure].mean()), abs=0.02)
 
 
+@pytest.mark.slow
 def test_echoes_that_all_come_late_alike_are_no_scatter_of_each(demo, figures):
     found = demo.results.detection
     speeds = []

@@ -187,6 +187,7 @@ def test_on_a_ball_every_turn_about_its_centre_is_open():
     assert np.abs(at_center).max() < 0.05
 
 
+@pytest.mark.slow
 def test_a_mesh_and_its_points_give_the_same(skull):
     rng = np.random.default_rng(6)
     ball = trimesh.creation.icosphere(subdivisions=5, radius=1.0)

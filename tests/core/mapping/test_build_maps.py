@@ -165,6 +165,7 @@ def test_the_whole_way_from_echoes_to_maps():
 CLUMSY = CloudPrior(0.8, 0.008)  # as ``displaced`` moves a cloud
 
 
+@pytest.mark.slow
 def test_fusing_is_hardly_worse_where_there_is_ultrasound_and_reaches_further():
     """Monte Carlo: a cloud that is 1 mm off as a whole must not spoil the map."""
     alone, fused, beyond, naive = [], [], [], []

@@ -63,6 +63,7 @@ def test_without_the_robot_it_maps_both_boundaries(by_hand):
     assert figures["outer_rms_mm"] is None
 
 
+@pytest.mark.slow
 def test_it_follows_from_the_captures_and_survives_a_file(by_hand, tmp_path):
     again = replay(by_hand.session)
     assert [row.result for row in again] == ["sono", "sono_detection", "sono_maps"]

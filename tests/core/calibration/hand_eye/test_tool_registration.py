@@ -138,6 +138,7 @@ def test_noisy_poses_register_the_workpiece_and_the_joint_solve_is_better():
     assert np.max(joint) < 0.15
 
 
+@pytest.mark.sweep(1)
 @methods
 def test_the_predicted_error_is_the_size_of_the_error(method, monkeypatch):
     monkeypatch.setattr(published_method, "DRAWS", DRAWS)
