@@ -197,6 +197,7 @@ def test_what_would_take_too_long_is_done_fast_and_says_so(monkeypatch):
     assert simplify(path, ErrorBound(0.5, "k2", cap_mm=1.0)).method == "fast"
 
 
+@pytest.mark.sweep(6)
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("metric", ["k1", "k2", "k3"])
 def test_every_metric_and_method_simplifies_a_path_of_any_length(monkeypatch, metric, method):

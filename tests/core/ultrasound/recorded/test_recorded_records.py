@@ -75,6 +75,7 @@ def test_single_samples_at_a_limit_are_clipped(times, bits):
     assert lone.sum() > 40, "else this test says nothing"
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("bits", [6, 8, 12])
 def test_waves_that_just_fit_are_not_clipped(seed, bits):
