@@ -3,6 +3,7 @@
 import gzip
 import io
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,11 +21,13 @@ from rona_core.errors import (
 )
 from rona_core.evaluation.figures import rms
 from rona_core.session.document import Session
-from rona_core.session.files import session_bytes
+from rona_core.session.files import load_session, session_bytes
 from rona_ui.cli import main
 from rona_ui.resources import demo_session
 from tests.scenes import demo_parts
 from tests.scenes.map_ct import ct_of
+
+SMALL = Path(__file__).parents[2] / "sessions" / "whole.rona"
 
 
 @pytest.fixture(scope="module")
@@ -119,16 +122,16 @@ def test_what_is_no_reference_is_refused_by_name(demo):
         bench.close()
 
 
-def test_the_command_prints_the_figures(demo, tmp_path, capsys):
+def test_the_command_prints_the_figures(tmp_path, capsys):
     path = tmp_path / "bone.ply"
-    path.write_bytes(REGISTRY.export(demo, "bone.ply"))
-    assert main(["compare", str(demo_session()), str(path)]) == 0
+    path.write_bytes(REGISTRY.export(load_session(SMALL), "bone.ply"))
+    assert main(["compare", str(SMALL), str(path)]) == 0
     text = capsys.readouterr().out
     assert "thickness nearest" in text
-    assert main(["compare", str(demo_session()), str(path), "--json"]) == 0
+    assert main(["compare", str(SMALL), str(path), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["figures"][0]["rms_mm"] < 0.001
-    assert main(["compare", str(demo_session()), str(tmp_path / "none.ply")]) == 2
+    assert main(["compare", str(SMALL), str(tmp_path / "none.ply")]) == 2
     assert "none.ply" in capsys.readouterr().err
 
 

@@ -66,10 +66,7 @@ def test_the_demo_session_packs_close_to_the_noise_that_it_holds(session, packed
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name",
-    ["detection", pytest.param("second_detection", marks=pytest.mark.slow)],
-)
+@pytest.mark.parametrize("name", ["detection", "second_detection"])
 def test_a_packed_file_gives_the_very_same_detection(session, packed, name):
     back = session_from_bytes(packed)
     assert digest(back) == digest(session)
