@@ -46,7 +46,7 @@ IN_FILES := --dist loadfile --no-loadscope-reorder
 # the quick tests; .ci/run adds what is marked "ci": a whole procedure and a walk through a browser
 TIER ?= not slow
 # how many examples are drawn of each property, times those that it names
-QUICK_EXAMPLES ?= 0.3
+QUICK_EXAMPLES ?= 0.15
 EXAMPLES ?= 1
 # suites of `make reliability`
 RELIABILITY := kills saving stop connections readers

@@ -14,6 +14,8 @@ import pytest
 from tests.helpers import frame_names
 from tests.tools import structure
 
+pytestmark = pytest.mark.slow  # `make check` runs all of it
+
 ROOT = Path(__file__).resolve().parents[1]
 PRODUCT = ("rona_core", "rona_ui")
 OTHERS = ("benchmarks", "examples", "tests")

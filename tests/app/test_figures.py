@@ -11,16 +11,16 @@ from rona_core.app.overview.predicted_accuracy import predicted_figures
 from rona_core.app.report.sections import quality_section
 from rona_core.app.steps.maps.accuracy import map_accuracy
 from rona_core.app.steps.maps.error_budget import error_budgets
-from rona_core.compose import build_virtual_rig, evaluate_virtual
 from rona_core.session.document import Session
 from rona_ui.panels.layout.quality import table
+from tests.scenes import demo_parts
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope="module")
-def figures(demo):
-    return evaluate_virtual(demo, build_virtual_rig(demo.setup))
+def figures():
+    return demo_parts.figures()
 
 
 def full():
@@ -83,6 +83,8 @@ def test_causes_are_shown_beside_their_predictions(demo, figures):
     assert true == {one.title: figures[one.key] for one in causes}
 
 
+@pytest.mark.ci
+@pytest.mark.slow
 def test_no_name_is_written_a_second_time():
     """A title of two words and more is not repeated in the program: it comes from the list."""
     titles = {one.title for one in FIGURES.values() if " " in one.title}

@@ -18,6 +18,7 @@ def judged():
     return {(one.quantity, one.part): one for one in judged_maps.judge(session, truth, 0)}
 
 
+@pytest.mark.slow
 def test_every_cell_is_judged_once_by_its_distance_to_a_sample(judged):
     for name in ("outer same robot", "thickness"):
         parts = [one for (quantity, _), one in judged.items() if quantity.startswith(f"{name}, ")]
@@ -28,6 +29,7 @@ def test_every_cell_is_judged_once_by_its_distance_to_a_sample(judged):
     assert not len(judged["outer same robot, over 2.5 mm from a sample", "local"].errors)
 
 
+@pytest.mark.slow
 def test_larger_patches_are_fewer(judged):
     counts = [
         len(judged[f"drawn thickness, patches of {size} mm", "whole"].errors)

@@ -27,6 +27,7 @@ def drawn(factor, *, seeds=80, samples=30, varies=True):
         yield Judged("depth (mm)", "local", seed, errors, factor * sigmas, varies)
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize(("factor", "honest"), [(1.0, True), (1.0 / 3.0, False), (3.0, False)])
 def test_a_sigma_three_times_wrong_does_not_hold(factor, honest):
     found = honesty(list(drawn(factor)))
@@ -37,6 +38,7 @@ def test_a_sigma_three_times_wrong_does_not_hold(factor, honest):
     assert found.rank.value > 0.3  # which places are worse it knows all the same
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("seeds", [5, 20, 100])
 def test_honest_common_parts_hold_in_studies_of_any_size(seeds):
     def held(factor):

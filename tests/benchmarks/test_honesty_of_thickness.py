@@ -20,6 +20,7 @@ def samples():
         return [one for seed in SEEDS for one in thickness.judge(seed)]
 
 
+@pytest.mark.slow
 def test_errors_of_patients_of_another_world_lie_in_their_bands(samples):
     for (name, part), group in grouped(samples).items():
         errors = np.concatenate([one.errors for one in group])
@@ -30,6 +31,7 @@ def test_errors_of_patients_of_another_world_lie_in_their_bands(samples):
             assert all(abs(one.errors.mean()) < 1e-9 for one in group)
 
 
+@pytest.mark.slow
 def test_what_is_common_shrinks_with_reference_points_and_some_speeds_are_good(samples):
     groups = grouped(samples)
     common = {

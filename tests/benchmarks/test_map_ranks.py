@@ -29,6 +29,7 @@ def means(sessions):
     return {step: float(np.mean(ranks)) for step, ranks in steps(sessions).items()}
 
 
+@pytest.mark.slow
 def test_honest_normal_errors_have_the_same_rank_at_every_step():
     found = means([session(k) for k in range(SESSIONS)])
     assert found[NORMAL] > 0.35

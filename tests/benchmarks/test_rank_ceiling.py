@@ -40,6 +40,7 @@ def mean_best(patients):
     return np.mean(best_ranks([p.observed for p in patients], [p.local_mm for p in patients]))
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_an_observable_that_tells_errors_orders_those_of_patients_not_fitted_to(sign):
     patients = [patient(k, told=0.8 * sign) for k in range(PATIENTS)]
@@ -64,6 +65,7 @@ def test_where_nothing_tells_there_is_no_order():
     assert np.isnan(best_ranks([np.ones((5, 1))], [np.arange(5.0)])).all()  # no other patient
 
 
+@pytest.mark.slow
 def test_errors_as_they_are_claimed_lose_no_rank_at_any_step():
     ranks = {step: np.mean(of) for step, of in steps([patient(k) for k in range(PATIENTS)]).items()}
     assert ranks[rank_ceiling.NORMAL] > 0.3

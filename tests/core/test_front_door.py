@@ -74,6 +74,7 @@ def test_the_blocks_of_the_notebook_page_run(monkeypatch, capsys):
     assert "first_steps" in printed or "first steps" in printed
 
 
+@pytest.mark.slow
 def test_the_reference_has_a_page_for_every_package_and_an_entry_for_every_name(tmp_path):
     files = api_reference.write(tmp_path)
     assert {f.stem for f in files} == {"rona_core", *PACKAGES}

@@ -2,9 +2,11 @@
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
+from rona_core.app.runtime import workbench
 from rona_core.app.steps.maps.messages import StartMapping
-from rona_core.compose import new_workbench
+from rona_core.compose import build_virtual_rig, evaluate_virtual, new_workbench
 from rona_core.session.document import Captures, Results, Session
 from rona_core.session.files import load_session
 from rona_ui.resources import demo_session
@@ -12,10 +14,21 @@ from rona_ui.resources import demo_session
 
 @cache
 def demo() -> Session:
-    """Return the demo session; it is loaded once, and nothing can change it."""
+    """Return the demo session; it is loaded once, and nothing can change it.
+
+    What was computed from it is kept when a workbench is closed: other tests ask for it again.
+    """
+    workbench.forget_all = lambda: None
     return load_session(demo_session())
 
 
+@cache
+def figures() -> dict[str, Any]:
+    """Return the figures of the demo session, with those that need the truth."""
+    return evaluate_virtual(demo(), build_virtual_rig(demo().setup))
+
+
+@cache
 def registered() -> Session:
     """Return the demo session as it was after step 3: tool and pointer calibrated."""
     session = demo()
@@ -24,6 +37,7 @@ def registered() -> Session:
     return replace(session, captures=captures, results=results, archive=())
 
 
+@cache
 def without_reference_points() -> Session:
     """Return the demo session mapped at the published speed of sound, nothing of it stale."""
     session = demo().with_capture("references", None)

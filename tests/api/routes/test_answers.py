@@ -88,6 +88,7 @@ def test_no_json_about_the_demo_is_large(client, demo):
     assert seen >= 30
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("step", REGISTRY.step_names)
 def test_every_array_that_is_not_in_json_is_at_the_address_that_stands_there(client, demo, step):
     address = f"/sessions/{demo}/results/{step}"

@@ -1,5 +1,7 @@
 """The example scripts do what they say, the one over REST against a real server."""
 
+import pytest
+
 from examples import compare_pointers, drive_over_rest, scan_by_hand
 from rona_core.app.steps.handheld.messages import StartHandheldScan
 from rona_core.app.steps.surface.messages import StartSurfaceCapture
@@ -13,6 +15,7 @@ def test_the_harness_calibrates_the_pointer_over_rest(web):
     web.hub.close(bench.session.id)
 
 
+@pytest.mark.slow
 def test_the_comparison_names_both_pointers(capsys):
     compare_pointers.main(seeds=(0,), surface=StartSurfaceCapture(duration_s=10.0))
     lines = capsys.readouterr().out.splitlines()
@@ -20,6 +23,7 @@ def test_the_comparison_names_both_pointers(capsys):
     assert all(0.0 < float(line.split()[2]) < 1.0 for line in lines)
 
 
+@pytest.mark.slow
 def test_the_scan_by_hand_prints_its_figures(capsys):
     quick = StartHandheldScan(duration_s=25.0, rate_hz=15.0, spacing_mm=4.0)
     figures = scan_by_hand.main(seed=4, scan=quick)

@@ -118,17 +118,22 @@ def test_maps_are_compared_with_the_true_bone_and_with_a_file(web, client, demo,
     assert found["reference"] == "bone.ply"
     assert found["figures"][0]["rms_mm"] == pytest.approx(wanted.figures[0].rms_mm, abs=1e-9)
     np.testing.assert_allclose(found["registration"]["T_base_mesh"], np.eye(4), atol=0.1)
+    assert at("GET", "/maps/comparison").json()["code"] == "step_blocked"
+    answer = at("POST", "/jobs/StartComparison", json={"file": "bone.ply"})
+    assert (answer.status_code, answer.json()["code"]) == (409, "step_blocked")
+
+
+@pytest.mark.slow
+def test_maps_are_compared_with_a_ct_at_its_threshold(web, client, demo):
     ct = ct_of(web.hub.get(demo).session.results.maps.value)
     refused = compared(web, client, demo, "head.nii", ct)
     assert (refused["state"], refused["error_code"]) == ("failed", "invalid_input")
     assert "give the threshold" in refused["error"]
     found = compared(web, client, demo, "head.nii", ct, threshold=750)["result"]
     assert found["figures"][0]["p95_mm"] < 0.06
-    assert at("GET", "/maps/comparison").json()["code"] == "step_blocked"
-    answer = at("POST", "/jobs/StartComparison", json={"file": "bone.ply"})
-    assert (answer.status_code, answer.json()["code"]) == (409, "step_blocked")
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize(
     ("name", "options", "words"),
     [

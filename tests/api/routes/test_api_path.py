@@ -4,6 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from rona_core.session.files import session_bytes
+
 FILE = Path(__file__).parents[2] / "sessions" / "path.rona"
 FIRST = (
     ("RegisterTool", {"method": "paper"}),
@@ -14,13 +16,26 @@ FIRST = (
 )
 
 
-@pytest.fixture
-def address(client):
-    opened = client.post("/sessions/upload", content=FILE.read_bytes())
+def uploaded(client, data):
+    opened = client.post("/sessions/upload", content=data)
     assert opened.status_code < 300, opened.text
-    address = f"/sessions/{opened.json()['id']}"
+    return f"/sessions/{opened.json()['id']}"
+
+
+@pytest.fixture(scope="module")
+def smoothed(web, client):
+    """The file of a session whose path is smoothed."""
+    address = uploaded(client, FILE.read_bytes())
     for name, body in FIRST:
         assert client.post(f"{address}/commands/{name}", json=body).status_code == 200
+    data = session_bytes(web.hub.get(address.rpartition("/")[2]).session)
+    client.delete(address)
+    return data
+
+
+@pytest.fixture
+def address(client, smoothed):
+    address = uploaded(client, smoothed)
     yield address
     client.delete(address)
 
@@ -29,6 +44,7 @@ def smoothing(client, address):
     return client.get(f"{address}/results/smoothing").json()["results"]["smoothing"]["value"]
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("metric", ["k1", "k2", "k3"])
 @pytest.mark.parametrize("method", ["optimal", "fast", "greedy", "rdp"])
 def test_every_metric_is_answered_with_the_method_that_was_used(

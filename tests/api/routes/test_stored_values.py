@@ -9,9 +9,8 @@ from rona_core.app.declarations.registry import REGISTRY
 from rona_core.calibration.hand_eye.robust_weights import FLOOR_MM
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.session.document import Captures, Results, Session
-from rona_core.session.files import load_session
-from rona_ui.resources import demo_session
 from tests.api.routes.test_api_routes import refused
+from tests.scenes import demo_parts
 
 # field of a session -> address below it, and where in the answer; captures and results: see below
 READ_AT = {
@@ -36,7 +35,7 @@ def demo(client):
 
 @pytest.fixture(scope="module")
 def stored():
-    return load_session(demo_session())
+    return demo_parts.demo()
 
 
 @pytest.fixture(scope="module")

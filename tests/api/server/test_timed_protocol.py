@@ -95,6 +95,7 @@ WAITING = {  # what is sent at once, what is sent a byte at a time, whether 408 
 }
 
 
+@pytest.mark.sweep(5)
 @pytest.mark.parametrize("name", WAITING)
 def test_who_keeps_the_server_waiting_is_let_go(quick, name):
     at_once, slowly, answered = WAITING[name]

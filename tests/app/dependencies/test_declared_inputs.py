@@ -23,8 +23,6 @@ from rona_core.app.steps.path.messages import PaintRegion
 from rona_core.app.steps.scan.landmarks.messages import OverrideLandmarks
 from rona_core.compose import new_workbench
 from rona_core.session.document import Derived, Session
-from rona_core.session.files import load_session
-from rona_ui.resources import demo_session
 from tests.helpers.derived import derived
 
 DECLARED = {name: REGISTRY.result(name) for name in REGISTRY.replayed}
@@ -39,9 +37,9 @@ class StandIn:
 
 
 @pytest.fixture(scope="module")
-def session():
+def session(demo):
     """The demo, with A-scans on the block and by hand, and stand-ins of what takes long."""
-    bench = new_workbench(load_session(demo_session()))
+    bench = new_workbench(demo)
     bench.run(StartDelayLineCapture(n=8))
     bench.dispatch(CalibrateDelayLine(use=False))
     bench.run(StartHandheldCalibration(pivot_s=8.0, spin_s=8.0))
@@ -231,6 +229,7 @@ def test_a_stale_value_that_is_handed_is_found(session, monkeypatch):
     assert handed_stale(session, "maps") == [("second", "capture second")]
 
 
+@pytest.mark.slow
 def test_after_another_scan_the_passes_of_the_old_one_are_not_mapped(session):
     scan = session.captures.scan
     again = replace(scan, ordinal=scan.ordinal + 1, joints=replace(scan.joints))

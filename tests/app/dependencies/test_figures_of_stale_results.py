@@ -48,6 +48,7 @@ def bench(shared, demo):
     return shared
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     ("activity", "asked"),
     [

@@ -18,8 +18,6 @@ from rona_core.app.steps.setup.messages import MoveTracker, SetProbe, SetRobot, 
 from rona_core.app.steps.surface.messages import StartSurfaceCapture
 from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.session.document import Derived, Session
-from rona_core.session.files import load_session
-from rona_ui.resources import demo_session
 
 RESULTS = tuple(dict.fromkeys(result.name for step in REGISTRY.steps for result in step.results))
 PARTS = (*RESULTS, *(f"{CAPTURE}{name}" for name in REGISTRY.captures))
@@ -29,11 +27,6 @@ BAD = tuple(
     if name not in ("override", "registration", "placement", "sono", "line")
     and REGISTRY.result(name).judged is not None
 )
-
-
-@pytest.fixture(scope="module")
-def demo() -> Session:
-    return load_session(demo_session())
 
 
 def without(session: Session, name: str) -> Session:

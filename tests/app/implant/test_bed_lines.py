@@ -45,6 +45,7 @@ def test_lines_lie_over_the_bed_and_say_how_much_they_can_tell(bench):
     assert "tell up to 20 % of what is open" in lines_verdict(replace(found, explained_share=0.2))
 
 
+@pytest.mark.slow
 def test_without_what_no_scan_tells_lines_tell_most_of_it(bench):
     session = bench.session
     draws = drawn_maps(session, 400, same_robot=True, grooves=True)

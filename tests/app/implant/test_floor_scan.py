@@ -38,6 +38,12 @@ def certified(milled):
     return rehearsed(milled)
 
 
+@pytest.fixture(scope="module", params=["kept", pytest.param("made", marks=pytest.mark.slow)])
+def scanned(request, milled):
+    """A session whose rehearsal scanned the floor: the demo, and one rehearsed now."""
+    return milled if request.param == "kept" else request.getfixturevalue("certified")[0]
+
+
 def rehearsed(session):
     site = milling_site(session, 1)
     found = derive_rehearsal(session, RehearseMilling(), site, progress=silent, cancel=never)
@@ -61,11 +67,11 @@ def verified(session, plan):
     )
 
 
-def test_the_motion_is_verified_against_its_own_line_and_goes_from_home_to_home(milled, certified):
-    _, found, site = certified
+def test_the_motion_is_verified_against_its_own_line_and_goes_from_home_to_home(milled, scanned):
+    found = scanned.results.more["rehearsal"].value
     plan, model = found.floor_plan, probe_robot(milled)
     assert plan.may_move
-    assert found.asked == len(site.scanned_mm) > 10
+    assert found.asked == len(found.places_bed) > 10
     assert verified(milled, plan).certified
     np.testing.assert_allclose(plan.trajectory.qs_rad[[0, -1]], [model.home_rad] * 2)
     T_base_bed = milling_view(milled).placed.T_base_bed
@@ -79,8 +85,8 @@ def test_the_motion_is_verified_against_its_own_line_and_goes_from_home_to_home(
     assert not verified(milled, other).certified
 
 
-def test_verdict_and_file_keep_the_motion(milled, certified):
-    session, found, _ = certified
+def test_verdict_and_file_keep_the_motion(scanned):
+    session, found = scanned, scanned.results.more["rehearsal"].value
     seconds = round(found.floor_plan.trajectory.duration_s)
     places = f"scanned again at {found.asked} places in a certified motion of {seconds} s"
     assert places in rehearsal_verdict(found)
@@ -89,15 +95,22 @@ def test_verdict_and_file_keep_the_motion(milled, certified):
     assert loaded.results.more["rehearsal"].value.floor_plan.may_move
 
 
+def tampered(*args, **kwargs):
+    """Plan a scan; turn one joint by half a degree, after the verifier has seen the motion."""
+    plan = plan_scan(*args, **kwargs)
+    qs = plan.trajectory.qs_rad + np.deg2rad((0.5, 0.0, 0.0, 0.0, 0.0, 0.0))
+    return replace(plan, trajectory=replace(plan.trajectory, qs_rad=qs))
+
+
+def test_along_a_motion_other_than_the_certified_one_no_place_is_touched(milled, monkeypatch):
+    monkeypatch.setattr(rehearsal_task, "plan_scan", tampered)
+    scan = FloorScan(milled)
+    assert scan(FloorLine(np.array((OVER, (0.0, 0.0, -1.0), OVER)), np.array((1,)))) is None
+    assert not scan.plan.may_move
+
+
 @pytest.mark.slow
 def test_a_motion_other_than_the_certified_one_does_not_scan(milled, certified, monkeypatch):
-    """The planted fault: half a degree of one joint, after the verifier has seen the motion."""
-
-    def tampered(*args, **kwargs):
-        plan = plan_scan(*args, **kwargs)
-        qs = plan.trajectory.qs_rad + np.deg2rad((0.5, 0.0, 0.0, 0.0, 0.0, 0.0))
-        return replace(plan, trajectory=replace(plan.trajectory, qs_rad=qs))
-
     monkeypatch.setattr(rehearsal_task, "plan_scan", tampered)
     _, found, site = rehearsed(milled)
     assert not found.floor_plan.may_move
@@ -105,6 +118,7 @@ def test_a_motion_other_than_the_certified_one_does_not_scan(milled, certified, 
     assert "no motion of the probe over it is certified" in rehearsal_verdict(found)
 
 
+@pytest.mark.slow
 def test_where_the_probe_may_not_touch_the_floor_is_not_scanned_and_the_reason_is_told(
     milled, certified, monkeypatch
 ):
@@ -171,8 +185,8 @@ def test_one_place_alone_is_reached_from_above_and_left_again(milled):
     assert np.linalg.norm(face - place) < 0.3
 
 
-def test_files_of_earlier_versions_have_a_scan_without_a_motion(certified):
-    session, found, _ = certified
+def test_files_of_earlier_versions_have_a_scan_without_a_motion(milled):
+    session, found = milled, milled.results.more["rehearsal"].value
     earlier = replace(found, floor_plan=None)
     held = replace(session.results.more["rehearsal"], value=earlier)
     loaded = session_from_bytes(session_bytes(session.with_result("rehearsal", held)))

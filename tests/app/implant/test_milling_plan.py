@@ -49,8 +49,12 @@ def demo():
     return bed_only(demo_parts.demo())
 
 
-@pytest.fixture(scope="module")
-def milled(demo):
+@pytest.fixture(scope="module", params=["kept", pytest.param("made", marks=pytest.mark.slow)])
+def milled(request, demo):
+    """The milling of the demo session as it is kept, and one planned now."""
+    if request.param == "kept":
+        yield demo_parts.demo().with_result("rehearsal", None)
+        return
     bench = new_workbench(demo)
     bench.run(PlanMilling())
     yield bench.session

@@ -21,6 +21,7 @@ from rona_core.evaluation.milling.rehearsal_metrics import milled_again, rehears
 from rona_core.evaluation.truth import truth_of
 from rona_core.planning.rehearsal.floor_line import FloorLine
 from rona_core.planning.robot_milling.robot_path import milling_obstacles
+from rona_core.robot.planning.plan_cutting import CuttingPlanSettings
 from rona_core.robot.verification.cutting_verifier import verify_cutting
 from rona_core.session.codec import digest
 from rona_core.session.files import session_bytes, session_from_bytes
@@ -65,6 +66,62 @@ def test_planning_of_layers_and_of_the_re_scan_can_be_cancelled(milled):
         FloorScan(milled, cancel=lambda: True)(line)
 
 
+def test_a_raised_motion_is_certified_and_ends_at_its_height(milled):
+    raised, view = RaisedMilling(milled, roll_of(milled)), milling_view(milled)
+    ceiling = view.path.bottoms_bed()[:, 2].min() + THICK_MM
+    way = raised(5, ceiling)
+    assert raised.plan.may_move
+    assert way.bottoms_bed[:, 2].min() == pytest.approx(ceiling, abs=1e-9)
+    assert way.layers.min() > 5
+    left = raised_view(view, 5, ceiling)
+    model, cutting = milling_model(milled, left), robot_path_of(left).cutting
+    around = milling_obstacles(session_obstacles(milled), cutting)
+    assert verify_cutting(model, raised.plan.trajectory, cutting, obstacles=around).certified
+
+
+def test_a_raised_motion_other_than_the_certified_one_is_refused(milled, monkeypatch):
+    """The planted fault: half a degree of one joint, after the verifier has seen the motion."""
+    one_roll = CuttingPlanSettings(n_rolls=1, roll_from_deg=roll_of(milled))
+
+    def tampered(session, view, settings, **options):
+        plan = plan_view(session, view, one_roll, **options)
+        qs = plan.trajectory.qs_rad + np.deg2rad((0.5, 0.0, 0.0, 0.0, 0.0, 0.0))
+        return replace(plan, trajectory=replace(plan.trajectory, qs_rad=qs))
+
+    monkeypatch.setattr(rehearsal_task, "plan_view", tampered)
+    raised = RaisedMilling(milled, roll_of(milled))
+    ceiling = milling_view(milled).path.bottoms_bed()[:, 2].min() + THICK_MM
+    assert raised(5, ceiling) is None
+    assert not raised.plan.may_move
+
+
+def test_the_verdict_tells_what_became_of_raised_layers(milled):
+    plan, _ = require_certified(milled)
+    higher = replace(
+        milled.results.more["rehearsal"].value,
+        ceiling_mm=-1.0,
+        raised_mm=0.5,
+        raised_plan=plan,
+        stopped=False,
+    )
+    minutes, seconds = divmod(round(plan.trajectory.duration_s), 60)
+    said = rehearsal_verdict(higher)
+    assert (
+        f"planned anew and certified ({minutes} min {seconds:02d} s), ended 0.50 mm higher" in said
+    )
+    assert not rehearsal_ok(higher)
+    qs = plan.trajectory.qs_rad + np.deg2rad((0.5, 0.0, 0.0, 0.0, 0.0, 0.0))
+    other = replace(plan, trajectory=replace(plan.trajectory, qs_rad=qs))
+    said = rehearsal_verdict(replace(higher, raised_plan=other))
+    assert "the robot cannot mill them so: the verifier refuses" in said
+    assert "ended with the last finished layer, 0.50 mm higher" in said
+    assert "; nothing was milled, and" in rehearsal_verdict(
+        replace(higher, raised_plan=other, steps=0)
+    )
+    assert "planned anew" not in rehearsal_verdict(replace(higher, raised_plan=None))
+
+
+@pytest.mark.slow
 def test_raised_layers_are_milled_in_their_own_certified_motion(milled, monkeypatch):
     asked_for_more(monkeypatch)
     session, found, site = rehearsed(milled)
@@ -103,6 +160,7 @@ def test_raised_layers_are_milled_in_their_own_certified_motion(milled, monkeypa
     assert figures["rehearsal_residual_true_mm"] == min(site.least_mm)
 
 
+@pytest.mark.slow
 def test_a_motion_other_than_the_certified_one_is_not_milled(milled, monkeypatch):
     """The planted fault: half a degree of one joint, after the verifier has seen the motion."""
 
@@ -132,6 +190,7 @@ def test_a_motion_other_than_the_certified_one_is_not_milled(milled, monkeypatch
     assert milled_again(session, whole, site._scene) is None
 
 
+@pytest.mark.slow
 def test_where_the_planned_roll_fails_another_one_is_searched(milled):
     plan, _ = require_certified(milled)
     fails = min(plan.verdicts, key=lambda verdict: verdict.margin)
@@ -150,6 +209,7 @@ def test_nothing_left_to_mill_is_no_motion(milled):
     assert raised.plan is None
 
 
+@pytest.mark.slow
 def test_files_of_earlier_versions_have_raised_layers_without_a_plan(milled, monkeypatch):
     asked_for_more(monkeypatch)
     session, found, site = rehearsed(milled)

@@ -44,6 +44,7 @@ def test_draws_scatter_about_the_maps_as_wide_as_is_stated(demo, drawn):
         assert np.abs(off).max() < 6.0 / COUNT**0.5
 
 
+@pytest.mark.sweep(1)
 def test_what_all_cells_share_moves_the_whole_map(demo, drawn):
     same_robot, draws = drawn
     ok = draws.maps.outer.ok

@@ -101,6 +101,7 @@ def test_stale_maps_are_refused_until_they_are_made_again(demo):
         bench.close()
 
 
+@pytest.mark.slow
 def test_a_boundary_that_was_set_by_hand_moves_its_a_scan(demo):
     number = int(np.flatnonzero(demo.results.detection.value.inner_ok)[5])
     found = demo.results.detection.value

@@ -25,9 +25,7 @@ from rona_core.devices.samples import JointSample, ToolSample, TrackerFrame
 from rona_core.geometry.pose import Pose
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import Derived, Session, SonoMaps
-from rona_core.session.files import load_session
 from rona_core.session.memo import Memo
-from rona_ui.resources import demo_session
 
 ORDER = ["fail", "review", "pass"]
 
@@ -120,11 +118,6 @@ def test_figures_are_computed_once_for_a_session_as_it_is(bench, monkeypatch):
 
 
 # -- all calibrated frames ---------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def demo():
-    return load_session(demo_session())
 
 
 # poses in results that are no frame of their own: the marker as seen before the registration

@@ -58,16 +58,15 @@ def packed(session):
     return session_bytes(session)
 
 
+@pytest.mark.slow
 def test_the_demo_session_packs_close_to_the_noise_that_it_holds(session, packed):
     """10.3 MB, half of it A-scans, and most of that their noise; the rest poses, joints, plans."""
     assert len(packed) < 11e6
     assert session_bytes(session_from_bytes(packed)) == packed
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["detection", pytest.param("second_detection", marks=pytest.mark.slow)],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["detection", "second_detection"])
 def test_a_packed_file_gives_the_very_same_detection(session, packed, name):
     back = session_from_bytes(packed)
     assert digest(back) == digest(session)

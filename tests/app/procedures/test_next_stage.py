@@ -23,13 +23,6 @@ from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.compose import new_session, new_workbench
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
-from rona_ui.resources import demo_session
-
-
-@pytest.fixture(scope="module")
-def demo() -> Session:
-    return load_session(demo_session())
 
 
 @pytest.fixture

@@ -24,12 +24,13 @@ from rona_core.app.steps.maps.accuracy import map_accuracy
 from rona_core.app.steps.maps.view import layers_of
 from rona_core.app.steps.roll.certificate_view import certificate_view
 from rona_core.app.steps.setup.messages import SetProbe
-from rona_core.compose import new_workbench, open_session
+from rona_core.compose import new_workbench
 from rona_core.mapping.colors import viridis
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
 from rona_core.session.memo import forget_all
 from tests.helpers.ui.beds import bed_only, laid_astray
+from tests.scenes import demo_parts
 
 DEMO = Path(__file__).parents[3] / "sessions" / "demo.rona"
 EVIL = "<script>alert(1)</script>\"'&<img src=x onerror=y>"
@@ -91,7 +92,7 @@ class Page(HTMLParser):
 
 @pytest.fixture(scope="module")
 def demo():
-    bench = open_session(DEMO)
+    bench = new_workbench(demo_parts.demo())
     figures = bench.figures()
     yield bench.session, figures, workbench_report(bench)
     bench.close()
@@ -108,6 +109,7 @@ def test_it_stands_alone(demo):
     assert "@page{size:A4" in demo[2]
 
 
+@pytest.mark.slow
 def test_the_same_session_gives_the_same_bytes(demo):
     forget_all()
     assert session_report(load_session(DEMO), demo[1], "VIRTUAL") == demo[2]

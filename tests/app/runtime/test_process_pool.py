@@ -19,8 +19,6 @@ from rona_core.app.runtime import process_pool
 from rona_core.app.runtime.process_pool import ProcessCompute
 from rona_core.errors import CancelledError, NotReachableError, RonaError
 
-pytestmark = pytest.mark.slow
-
 KILLS = 2  # of each kind; `python -m benchmarks kills` does 50
 
 
@@ -123,6 +121,7 @@ def test_progress_and_cancel_cross_the_border(compute):
     assert run(compute, add, 1, 1) == 2, "the process lives on"
 
 
+@pytest.mark.slow
 def test_a_defect_comes_back_with_the_place_where_it_happened(compute):
     with pytest.raises(KeyError, match="a defect") as caught:
         run(compute, stranger)
@@ -132,6 +131,7 @@ def test_a_defect_comes_back_with_the_place_where_it_happened(compute):
     assert run(compute, add, 1, 1) == 2
 
 
+@pytest.mark.slow
 def test_a_process_killed_while_idle_is_replaced_without_a_word(compute):
     for number in range(KILLS):
         assert run(compute, add, number, 1) == number + 1
@@ -139,6 +139,7 @@ def test_a_process_killed_while_idle_is_replaced_without_a_word(compute):
         assert run(compute, add, number, 2) == number + 2
 
 
+@pytest.mark.slow
 def test_a_process_killed_while_it_starts_is_replaced_too():
     fresh = ProcessCompute()
     fresh.warm_up()
@@ -147,6 +148,7 @@ def test_a_process_killed_while_it_starts_is_replaced_too():
     fresh.close()
 
 
+@pytest.mark.slow
 def test_a_process_killed_while_busy_fails_its_job_and_no_other(compute):
     for number in range(KILLS):
         error = kill_busy(compute)
@@ -188,6 +190,7 @@ def frozen_pool(when):
     return pool, lambda cancel: run(pool, *task, progress=freeze, cancel=cancel)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("when", FROZEN_WHEN)
 def test_a_frozen_process_keeps_no_cancel_waiting_and_the_next_job_runs(when):
     pool, meet = frozen_pool(when)
@@ -199,6 +202,7 @@ def test_a_frozen_process_keeps_no_cancel_waiting_and_the_next_job_runs(when):
     pool.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("when", FROZEN_WHEN)
 def test_a_frozen_process_is_replaced_without_cancel_too(when):
     pool, meet = frozen_pool(when)
@@ -215,6 +219,7 @@ def test_a_frozen_process_is_replaced_without_cancel_too(when):
     pool.close()
 
 
+@pytest.mark.slow
 def test_a_process_that_neither_speaks_nor_counts_but_lives_is_left_alone(compute):
     """It waits for a slow disk, say, for longer than a frozen one is given."""
     assert run(compute, sleep_long) == "rested"
@@ -225,6 +230,7 @@ def sleep_long(*, progress, cancel):
     return "rested"
 
 
+@pytest.mark.slow
 def test_cancel_ends_what_does_not_look_at_it(compute):
     under_way = threading.Event()
     began_s = time.process_time()
@@ -234,6 +240,7 @@ def test_cancel_ends_what_does_not_look_at_it(compute):
     assert run(compute, add, 1, 1) == 2
 
 
+@pytest.mark.slow
 def test_cancel_while_the_process_starts_or_another_computes():
     fresh = ProcessCompute()
     with pytest.raises(CancelledError, match="before it began"):
@@ -258,6 +265,7 @@ def test_cancel_while_the_process_starts_or_another_computes():
     fresh.close()
 
 
+@pytest.mark.slow
 def test_closing_ends_what_is_stuck():
     fresh = ProcessCompute()
     under_way, ends = threading.Event(), []
@@ -300,6 +308,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc to see processes")
 @pytest.mark.parametrize("busy", [False, True], ids=["idle", "busy"])
 def test_nothing_outlives_a_killed_program(busy, tmp_path):

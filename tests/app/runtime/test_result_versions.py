@@ -15,8 +15,7 @@ from rona_core.compose import new_workbench
 from rona_core.devices.protocols import never, silent
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
-from rona_core.session.files import load_session, session_bytes, session_from_bytes
-from rona_ui.resources import demo_session
+from rona_core.session.files import session_bytes, session_from_bytes
 
 OTHER = "0.0.7"
 
@@ -77,8 +76,8 @@ def test_a_file_keeps_the_version_of_each_result(bench):
     assert {held.version for held in derived(saved).values()} == {OTHER}
 
 
-def test_the_results_of_the_demo_session_have_a_version():
-    made = derived(load_session(demo_session()))
+def test_the_results_of_the_demo_session_have_a_version(demo):
+    made = derived(demo)
     assert len(made) > 5
     assert all(held.version for held in made.values())
 

@@ -5,6 +5,7 @@ import threading
 import numpy as np
 import pytest
 
+from rona_core.app.runtime import workbench
 from rona_core.app.runtime.workbench import Services, Workbench
 from rona_core.app.steps.pointer.messages import StartPointerCapture
 from rona_core.app.steps.roll.messages import StartRollSearch
@@ -51,6 +52,13 @@ def test_closing_a_session_ends_its_computations_too(tmp_path):
     assert entered.wait(20)
     bench.close()
     assert bench.jobs.wait(job.id, 20).state == "cancelled"
+
+
+def test_what_was_computed_from_a_session_is_forgotten_with_it(tmp_path, monkeypatch):
+    forgotten = []
+    monkeypatch.setattr(workbench, "forget_all", lambda: forgotten.append(True))
+    new_workbench(Session(), tmp_path).close()
+    assert forgotten
 
 
 def test_a_closed_session_builds_no_devices_any_more(tmp_path):

@@ -77,6 +77,7 @@ def test_the_gauge_takes_away_what_mounting_and_warm_line_do_to_the_map(scanned)
     bench.close()
 
 
+@pytest.mark.slow
 def test_it_is_stale_with_the_probe_and_forgotten_on_demand(scanned):
     bench = new_workbench(scanned.session)
     bench.run(StartProbeMountingCapture(n=5))

@@ -83,6 +83,7 @@ def test_the_same_landmarks_are_measured_again_by_the_same_seed(bench):
     other.close()
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("shift_mm", [(3.0, 0.0, 0.0), (0.0, -2.0, 1.5), (0.0, 0.0, 3.0)])
 def test_a_tracker_that_was_bumped_is_caught_before_the_robot_moves(bench, shift_mm):
     bumped(bench, np.array(shift_mm))

@@ -151,6 +151,7 @@ def test_a_new_reference_makes_stale_what_rests_on_the_old_one(restless):
     bench.close()
 
 
+@pytest.mark.slow
 def test_at_rest_nothing_changes_by_a_bit(planned):
     bench = new_workbench(planned.session)
     bench.run(StartScan())

@@ -6,15 +6,8 @@ import pytest
 
 from rona_core.app.report.sections import motion_section
 from rona_core.app.steps.scan.contact_view import contact_report
-from rona_core.session.files import load_session
 from rona_ui.api.json_response import plain
 from rona_ui.panels.scan.scan import contact_note
-from rona_ui.resources import demo_session
-
-
-@pytest.fixture(scope="module")
-def demo():
-    return load_session(demo_session())
 
 
 def weighing(session, mass_kg):

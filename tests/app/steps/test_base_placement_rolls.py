@@ -14,9 +14,7 @@ from rona_core.compose import new_workbench
 from rona_core.devices.protocols import never, silent
 from rona_core.errors import StaleResultError
 from rona_core.session.codec import digest
-from rona_core.session.files import load_session
 from rona_ui.panels.roll.roll import placement_words
-from rona_ui.resources import demo_session
 
 HERE = StartBasePlacement(half_x_mm=0.0, half_y_mm=0.0)  # where the base stands alone
 NARROW = {"n_rolls": 6, "roll_from_deg": 0.0, "roll_to_deg": 40.0}  # no roll of it works
@@ -31,12 +29,13 @@ SEARCHES = (
 
 
 @pytest.fixture(scope="module")
-def bench():
-    made = new_workbench(load_session(demo_session()))
+def bench(demo):
+    made = new_workbench(demo)
     yield made
     made.close()
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("search", SEARCHES, ids=str)
 def test_a_place_is_suggested_where_such_a_search_is_certified_and_nowhere_else(bench, search):
     bench.run(search)
@@ -57,6 +56,7 @@ def test_a_place_is_suggested_where_such_a_search_is_certified_and_nowhere_else(
     assert digest(again) == digest(held.value)
 
 
+@pytest.mark.slow
 def test_a_place_found_for_other_rolls_is_stale(bench):
     bench.run(StartRollSearch())
     bench.run(HERE)

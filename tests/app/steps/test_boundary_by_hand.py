@@ -88,6 +88,7 @@ def test_the_maps_take_the_corrected_boundary_and_nothing_is_detected_twice(demo
     assert np.linalg.norm(late, axis=1).max() < 0.2  # the curvature of the bone, alike for all
 
 
+@pytest.mark.slow
 def test_a_boundary_that_was_taken_away_is_not_mapped(demo):
     i = int(np.flatnonzero(demo.results.maps.value.inner_used)[30])
     mapped = derive_all(handle(CorrectBoundary(i, remove="inner"), demo), StartMapping())
@@ -185,6 +186,7 @@ def test_the_planned_motion_brings_the_probe_to_where_the_a_scan_was_taken(demo,
         assert np.linalg.norm(aside) < 1.0
 
 
+@pytest.mark.slow
 def test_the_second_pass_says_what_it_brought(demo):
     view, cells = second_view(demo), second_cells(demo)
     maps = demo.results.maps.value
@@ -201,6 +203,7 @@ def test_the_second_pass_says_what_it_brought(demo):
     assert len(cells.points_base) == pytest.approx(int(lost), abs=0.03 * maps.outer.ok.sum())
 
 
+@pytest.mark.slow
 def test_where_the_first_pass_hears_nothing_the_second_is_not_believed(demo):
     """A few echoes of a probe that leans are steps within bone that lets no inner one through."""
     first = demo.results.detection

@@ -15,13 +15,14 @@ from rona_core.evaluation.truth import truth_of
 from rona_core.session.document import Session
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import speed_at
 from rona_core.virtual.acoustics.medium import bone_medium, true_bone
+from tests.scenes import demo_parts
 
 KEYS = tuple(one.key for one in (*OUTER_CAUSES, *THICKNESS_CAUSES))
 
 
 @pytest.fixture(scope="module")
-def figures(demo):
-    return evaluate_virtual(demo, build_virtual_rig(demo.setup))
+def figures():
+    return demo_parts.figures()
 
 
 def test_every_cause_is_in_one_line_and_every_line_has_its_truth(demo, figures):
@@ -79,6 +80,7 @@ def test_what_all_echoes_have_in_common_counts_with_the_mean_speed(demo, figures
     assert figures["thickness_by_speed_mm"] == pytest.approx(abs(errors[sure].mean()), abs=0.02)
 
 
+@pytest.mark.slow
 def test_echoes_that_all_come_late_alike_are_no_scatter_of_each(demo, figures):
     found = demo.results.detection
     speeds = []

@@ -302,6 +302,7 @@ def recording_of(made, tool):
     return Recording.from_frames(frames)
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("sigma_mm", [0.1, 0.6])
 def test_terminal_and_session_have_one_verdict_for_one_file(tmp_path, way, sigma_mm):
@@ -328,6 +329,7 @@ def test_terminal_and_session_have_one_verdict_for_one_file(tmp_path, way, sigma
     bench.close()
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("change", WRONG)
 def test_poses_in_another_convention_are_refused_alike_and_change_nothing(tmp_path, change):
     made = WRONG[change](random_pivot(11, n=120).poses)
@@ -356,6 +358,7 @@ def test_poses_in_another_convention_are_refused_alike_and_change_nothing(tmp_pa
     bench.close()
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize("purpose", ["surface", "path"])
 @pytest.mark.parametrize("change", WRONG)
 def test_strokes_in_another_convention_are_refused_by_name_or_give_the_same_tips(

@@ -206,6 +206,7 @@ def test_the_figures_of_a_changed_path_are_those_of_its_own_samples(smoothed):
 # -- patterns --------------------------------------------------------------------------------------
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("kind", ["raster", "spiral"])
 def test_a_pattern_lies_on_the_measured_surface_and_goes_through_all_steps(smoothed, kind):
     session = handle(GenerateScanPattern(kind, spacing_mm=5.0), smoothed)

@@ -85,6 +85,7 @@ def test_of_a_robot_without_stated_errors_or_of_few_poses_nothing_is_said(motion
     assert check_robot_accuracy(few, tips, seen, links, field) is None
 
 
+@pytest.mark.slow
 def test_false_alarms_are_as_seldom_as_stated_whatever_the_links_and_the_rest_are():
     """Residuals drawn from the assumption itself: one per cent of them contradict it."""
     rng = np.random.default_rng(7)

@@ -106,6 +106,7 @@ def passes(session):
     }
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("name", ["first", "second", "hand"])
 @pytest.mark.parametrize("speed", [None, 2.75])
 def test_every_kind_of_scan_gives_detection_all_that_is_known(measured, asked, name, speed):
@@ -161,6 +162,7 @@ def test_detection_is_called_at_one_place_for_all_scans():
     ]
 
 
+@pytest.mark.slow
 def test_a_warm_line_that_was_calibrated_is_that_of_the_scan_by_hand():
     bench = new_workbench(Session())
     try:

@@ -77,6 +77,7 @@ def test_even_errors_follow_the_formula_of_fitzpatrick_at_any_origin(seed):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shift", [(0, 0, 0), (50, -30, -1900.0)])
 @pytest.mark.parametrize("case", ["even", "weighted", "anisotropic, fitted as if even"])
 def test_predicted_errors_are_those_of_a_simulation(shift, case):

@@ -50,6 +50,7 @@ def test_both_bounds_hold_and_are_reported(seed, method):
     assert found.lower_bound <= len(found)
 
 
+@pytest.mark.slow
 @given(seed=seeds)
 @settings(max_examples=4, deadline=None)
 def test_optimal_keeps_as_few_poses_as_trying_everything(seed):

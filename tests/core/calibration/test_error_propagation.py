@@ -92,6 +92,7 @@ def rms_mm(covariances):
     return np.sqrt(np.trace(covariances, axis1=1, axis2=2).mean())
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("n_averaged", [1, 5])
 def test_the_prediction_is_what_a_simulation_gives(n_averaged):
     rng = np.random.default_rng(4)
@@ -136,6 +137,7 @@ def test_averaging_reduces_the_error_of_the_frame_only():
     assert many.registration_rms_mm == pytest.approx(one.registration_rms_mm)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [STRESS, MarkerNoise(EVEN.depth_ratio, 0.35)])
 def test_the_covariance_of_a_frame_is_that_of_many_fits(noise):
     rng = np.random.default_rng(7)

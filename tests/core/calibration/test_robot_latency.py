@@ -43,6 +43,7 @@ def test_a_planted_delay_is_found_whatever_the_scale(delay_s, scale):
     assert found.scale == pytest.approx(scale, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_its_deviation_is_what_it_says():
     found = [
         estimate_pose_delay([segment(lifting, 0.008, seed=seed, noise_mm=0.004)])
@@ -62,6 +63,7 @@ def test_a_robot_that_settles_elsewhere_spoils_one_step_and_not_the_result():
     assert found.n_pieces == 2
 
 
+@pytest.mark.slow
 def test_a_robot_that_wanders_states_more_than_noise_alone_would():
     ratios, walks = [], 0.01 * np.sqrt(np.diff(np.linspace(0.1, 0.9, 51)))
     for seed in range(60):
@@ -105,6 +107,7 @@ def test_places_are_measured_along_the_axis_of_the_chosen_pose():
     np.testing.assert_allclose(segment_places(points, axes, 1), [-1.0, 0.0, 1.0])
 
 
+@pytest.mark.slow
 def test_a_robot_that_drives_straight_between_its_way_points_is_not_taken_for_breaks():
     """Way points 20 ms apart, joint angles every 16 ms: what is between is not known."""
     errors, stated = [], []

@@ -149,6 +149,7 @@ def test_a_wide_patch_with_gross_errors_is_met_and_its_error_predicted(skull):
     assert 0.6 < np.sqrt(np.mean(np.square(misses))) / np.mean(expected) < 1.4
 
 
+@pytest.mark.slow
 def test_the_covariance_is_that_of_many_patches(skull):
     deviations, predicted = [], []
     rng = np.random.default_rng(3)
@@ -186,6 +187,7 @@ def test_on_a_ball_every_turn_about_its_centre_is_open():
     assert np.abs(at_center).max() < 0.05
 
 
+@pytest.mark.slow
 def test_a_mesh_and_its_points_give_the_same(skull):
     rng = np.random.default_rng(6)
     ball = trimesh.creation.icosphere(subdivisions=5, radius=1.0)

@@ -65,6 +65,7 @@ def test_moving_a_frame_or_a_clock_changes_nothing_else(seed):
     assert later.offset_s == pytest.approx(first.offset_s, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_the_stated_sigma_is_that_of_the_errors():
     scores, errors = [], []
     for seed in range(80):
@@ -139,6 +140,7 @@ def test_times_that_make_no_sense_are_refused(times_b, words):
         estimate_time_offset(TIMES_A, points, times_b, points)
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("latency_ms", [0.0, 14.0, 60.0])
 def test_the_latency_of_the_virtual_tracker_shows_against_the_robot(latency_ms):
     from rona_core.devices.settings import DeviceSettings, RobotSettings, TrackerSettings

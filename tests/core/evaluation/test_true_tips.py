@@ -50,6 +50,7 @@ def one_hidden(tool, pose, time_s):
     return clear
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("pointer", ["pointer6d", "pointer5d"])
 @pytest.mark.parametrize(
     "faults",

@@ -83,6 +83,7 @@ def test_the_curvature_of_a_sphere_is_one_over_its_radius():
 # --- maps ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("seed", [1, 2])
 def test_both_boundaries_are_mapped_in_spite_of_flags_and_wrong_echoes(seed):
     rng, skull = np.random.default_rng(seed), WavySkull(seed + 30)
@@ -164,6 +165,7 @@ def test_the_whole_way_from_echoes_to_maps():
 CLUMSY = CloudPrior(0.8, 0.008)  # as ``displaced`` moves a cloud
 
 
+@pytest.mark.slow
 def test_fusing_is_hardly_worse_where_there_is_ultrasound_and_reaches_further():
     """Monte Carlo: a cloud that is 1 mm off as a whole must not spoil the map."""
     alone, fused, beyond, naive = [], [], [], []

@@ -63,6 +63,7 @@ def local_error_mm(session):
     return np.sqrt(((errors - errors.mean(axis=0)) ** 2).sum(axis=1).mean())
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("world", ["polaris", "white"])
 def test_the_prediction_is_of_the_size_of_the_error(world, request):
     session, figures = request.getfixturevalue(world)
@@ -134,6 +135,7 @@ def test_calibrations_hold_what_repeats_apart_from_chance(polaris):
         assert np.trace(more[-3:, -3:]) > 3.0 * np.trace(random[-3:, -3:])
 
 
+@pytest.mark.slow
 def test_a_tracker_of_white_noise_leaves_noise_and_what_averaging_rounds_off(white):
     session = white[0]
     found = predict_surface(session)
@@ -164,6 +166,7 @@ def test_what_is_missing_has_no_prediction(polaris):
     )
 
 
+@pytest.mark.slow
 def test_a_pointer_with_collinear_markers_is_predicted_too():
     for session, figures in sampled("polaris", "pointer5d"):
         found = predict_surface(session)

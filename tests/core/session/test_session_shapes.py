@@ -17,7 +17,7 @@ from rona_core.calibration.handheld.pointer import PointerCalibration
 from rona_core.errors import SessionFormatError
 from rona_core.session.codec import decode, encode
 from rona_core.session.document import Session
-from rona_core.session.files import load_session, session_bytes, session_from_bytes
+from rona_core.session.files import session_bytes, session_from_bytes
 from rona_core.session.shapes import INDICES, SHAPES
 
 DEMO = Path(__file__).resolve().parents[3] / "sessions" / "demo.rona"
@@ -87,9 +87,9 @@ def length_is_told(name, field):
     return first.isdigit() or first in others
 
 
-def test_each_array_of_the_demo_session_is_refused_in_another_shape():
+def test_each_array_of_the_demo_session_is_refused_in_another_shape(demo):
     tried = set()
-    for where, value in values_in(load_session(DEMO)):
+    for where, value in values_in(demo):
         kind = type(value)
         for field in dataclasses.fields(value):
             array = getattr(value, field.name)
@@ -141,15 +141,14 @@ def test_a_file_whose_array_has_another_shape_is_refused_with_name_and_shape():
         session_from_bytes(spoiled(change))
 
 
-def test_an_array_of_another_kind_is_refused():
-    plain = encode(load_session(DEMO).results.pointer.value, "x", arrays := {})
+def test_an_array_of_another_kind_is_refused(demo):
+    plain = encode(demo.results.pointer.value, "x", arrays := {})
     arrays["x/used"] = arrays["x/used"].astype(np.float64)
     with pytest.raises(SessionFormatError, match="used: expected an array of kind b"):
         decode(plain, PointerCalibration, arrays, "here")
 
 
-def test_indices_that_lead_elsewhere_are_refused():
-    demo = load_session(DEMO)
+def test_indices_that_lead_elsewhere_are_refused(demo):
     path = demo.results.smoothing.value.simplified
     plain = encode(path, "x", arrays := {})
     arrays["x/index"] = arrays["x/index"] + path.n_original
@@ -187,8 +186,7 @@ def test_a_small_array_is_of_numbers(kind):
         session_from_bytes(spoiled(change))
 
 
-def test_what_could_not_be_read_again_is_not_written(monkeypatch):
-    demo = load_session(DEMO)
+def test_what_could_not_be_read_again_is_not_written(demo, monkeypatch):
     monkeypatch.setattr("rona_core.session.members.MAX_STORED_BYTES", 1_000_000)
     with pytest.raises(SessionFormatError, match="start another session"):
         session_bytes(demo)

@@ -26,6 +26,7 @@ def wxyz(axis, degrees):
     return Rotation.from_rotvec(np.deg2rad(degrees) * np.array(axis)).as_quat(scalar_first=True)
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("pointer", ["pointer6d", "pointer5d"])
 def test_the_tip_rests_and_the_shaft_follows_at_a_bounded_speed(pointer):
     scene, operator = operator_of(3, pointer)

@@ -54,6 +54,7 @@ def drawn(gui: FakeGui) -> list[tuple[Any, ...]]:
     )
 
 
+@pytest.mark.sweep(7)
 @pytest.mark.parametrize("name", PANELS)
 def test_a_panel_that_is_opened_late_shows_what_it_would_have_shown(
     name: str, demo: Session

@@ -93,6 +93,7 @@ def frame(**status: str) -> TrackerFrame:
     return TrackerFrame(1, 0.0, tools)
 
 
+@pytest.mark.sweep(6)
 @pytest.mark.parametrize("step", STEP_PRESETS)
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_no_camera_of_a_step_has_the_room_before_the_region(step, side):

@@ -63,6 +63,7 @@ def test_without_the_robot_it_maps_both_boundaries(by_hand):
     assert figures["outer_rms_mm"] is None
 
 
+@pytest.mark.slow
 def test_it_follows_from_the_captures_and_survives_a_file(by_hand, tmp_path):
     again = replay(by_hand.session)
     assert [row.result for row in again] == ["sono", "sono_detection", "sono_maps"]
@@ -118,6 +119,7 @@ def test_with_a_covered_base_marker_and_no_robot_there_is_no_reference(by_hand):
         bench.close()
 
 
+@pytest.mark.slow
 def test_with_a_registered_robot_the_maps_are_in_its_base_and_the_delay_is_known():
     bench = new_workbench(Session())
     try:

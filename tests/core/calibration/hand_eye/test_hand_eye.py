@@ -199,6 +199,7 @@ def test_a_general_minimiser_finds_the_same_place_and_the_same_covariance():
     )
 
 
+@pytest.mark.slow
 def test_the_covariance_of_a_tracked_pose_is_that_of_many_fits():
     rng = np.random.default_rng(2)
     rotation = random_rotation(rng)
@@ -215,6 +216,7 @@ def test_the_covariance_of_a_tracked_pose_is_that_of_many_fits():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.0, 0.06])
 def test_the_covariance_is_honest(share):
     whole, place, sigmas = [], [], []

@@ -118,6 +118,7 @@ def test_the_order_of_poses_does_not_matter(seed, method):
     np.testing.assert_allclose(other.residuals_mm, found.residuals_mm[order], atol=1e-5)
 
 
+@pytest.mark.slow
 def test_noisy_poses_register_the_workpiece_and_the_joint_solve_is_better():
     errors = []
     for seed in range(20):
@@ -137,6 +138,7 @@ def test_noisy_poses_register_the_workpiece_and_the_joint_solve_is_better():
     assert np.max(joint) < 0.15
 
 
+@pytest.mark.sweep(1)
 @methods
 def test_the_predicted_error_is_the_size_of_the_error(method, monkeypatch):
     monkeypatch.setattr(published_method, "DRAWS", DRAWS)

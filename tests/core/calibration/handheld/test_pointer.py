@@ -84,6 +84,7 @@ def test_the_roll_of_a_5d_pointer_does_not_matter(seed, method):
     np.testing.assert_allclose(other.tip_pointermarker, fit.tip_pointermarker, atol=1e-9)
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("dof", [5, 6])
 def test_a_swing_of_25_degrees_gives_the_tip_within_its_predicted_error(dof, method):
@@ -99,6 +100,7 @@ def test_the_residual_does_not_tell_a_good_swing_from_a_bad_one():
     assert np.median(bad_sigma) > 4 * np.median(good_sigma)  # the prediction does tell
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("dof", [5, 6])
 def test_gross_errors_are_dropped_and_counted(dof, method):

@@ -21,6 +21,7 @@ def held(made, starts, length):
     return made.select(rows), rows
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize("method", ["ml", "sphere"])
 @pytest.mark.parametrize("seed", range(6))
 def test_runs_change_nothing(seed, method):

@@ -195,6 +195,7 @@ DAMAGE = {
 }
 
 
+@pytest.mark.sweep(9)
 @pytest.mark.parametrize(("data", "words"), DAMAGE.values(), ids=DAMAGE)
 def test_damage_is_named_by_its_place(data, words):
     with pytest.raises(InvalidInputError, match=words) as refused:

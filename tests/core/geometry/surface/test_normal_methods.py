@@ -92,6 +92,7 @@ def test_the_radius_grows_with_noise_and_shrinks_with_density_and_relief():
     assert 1 / choose_radius(KDTree(sphere), "jet").curvature_per_mm == pytest.approx(R, rel=0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.sweep(1)
 @pytest.mark.parametrize("method", ["ols", "jet"])
 def test_the_chosen_radius_is_nearly_as_good_as_the_best(method):

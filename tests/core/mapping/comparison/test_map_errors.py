@@ -57,6 +57,7 @@ def cap(mesh, keep):
     return Mesh(mesh.vertices, mesh.faces[keep(centres)])
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize(("outer_mm", "inner_mm"), [(80.0, 74.0), (79.7, 74.0), (80.4, 73.8)])
 def test_errors_are_the_differences_of_the_radii(outer_mm, inner_mm):
     maps = maps_of_spheres()
@@ -125,6 +126,7 @@ def test_side_walls_of_a_plate_are_no_table():
         assert np.abs(values).max() < 0.05
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("how", ["points", "surface", "both"])
 def test_a_reference_in_another_frame_is_laid_under_the_map(how):
     """A sphere says nothing of turns about its centre: an ellipsoid does."""

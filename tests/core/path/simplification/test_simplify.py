@@ -172,6 +172,7 @@ def test_optimal_keeps_as_few_points_as_trying_everything(seed, tolerance, frech
         assert within(path[a : b + 1], tolerance * (1 + 1e-9))
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("metric", ["k2", "k3"])
 def test_optimal_by_mean_and_area_keeps_as_few_as_trying_everything(metric):
     path = walk(np.random.default_rng(4), 40)
@@ -196,6 +197,7 @@ def test_what_would_take_too_long_is_done_fast_and_says_so(monkeypatch):
     assert simplify(path, ErrorBound(0.5, "k2", cap_mm=1.0)).method == "fast"
 
 
+@pytest.mark.sweep(6)
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("metric", ["k1", "k2", "k3"])
 def test_every_metric_and_method_simplifies_a_path_of_any_length(monkeypatch, metric, method):
@@ -216,6 +218,7 @@ def test_every_metric_and_method_simplifies_a_path_of_any_length(monkeypatch, me
         )
 
 
+@pytest.mark.slow
 def test_the_demonstrated_path_shrinks_as_published():
     counts = []
     for seed in range(5):

@@ -43,6 +43,7 @@ def wedge(ok=None):
     return slab(5.0, inner_lean=(-0.1, 0.0), ok=ok)
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize("bed", [round_bed(9.0, 3.5), oblong_bed(9.0, 7.0, 3.5)])
 def test_the_search_finds_what_brute_force_finds(seed, bed):
@@ -169,6 +170,7 @@ def test_grids_that_make_no_sense_are_refused(settings):
         SearchGrid(**settings)
 
 
+@pytest.mark.slow
 def test_predictions_hold_for_truths_of_the_same_field():
     """Thirty beds that were predicted to hold by a half to all: as many hold as were predicted."""
     generator = np.random.default_rng(11)

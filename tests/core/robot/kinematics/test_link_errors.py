@@ -29,6 +29,7 @@ def test_the_whole_is_as_large_as_stated_over_all_directions(name):
     assert np.sqrt(squares.mean()) == pytest.approx(0.35, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_it_orders_places_as_links_do_that_are_really_off():
     """Over many robots: errors of two postures go together as far as the rows say."""
     model, qs = around("rx90", 12)

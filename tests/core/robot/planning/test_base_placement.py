@@ -91,6 +91,7 @@ def test_a_base_moved_towards_the_path_sees_it_nearer():
     np.testing.assert_allclose(turned.points_base[:, 0], path.points_base[:, 1], atol=1e-9)
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("scene", ["S0", "S1", "S3", "S5"])
 def test_the_screen_with_every_point_and_roll_agrees_with_the_search(scene):
     """But for jumps, which the screen does not know of."""

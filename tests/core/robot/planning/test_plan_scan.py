@@ -141,6 +141,7 @@ def test_the_probe_comes_and_goes_along_its_axis(plan, path):
         assert (np.diff(height) >= -1e-9).all()
 
 
+@pytest.mark.slow
 def test_a_faster_scan_takes_less_time_and_a_slow_one_is_nearly_ideal(path, plan):
     ideal_mm = path.arc_length_mm()[-1]
     durations = []
@@ -380,6 +381,7 @@ def test_a_roll_that_was_tried_in_vain_is_green_no_longer_and_says_why(path, pla
     assert "by none" not in told
 
 
+@pytest.mark.slow
 def test_every_green_roll_can_be_driven_where_nothing_is_in_the_way(path, plan):
     for i in [i for i, verdict in enumerate(plan.search.verdicts) if verdict.feasible][::3]:
         assert choose_roll(plan, i, RX90, SETTINGS).may_move
@@ -462,6 +464,7 @@ def test_where_all_postures_are_others_the_nearest_is_taken(path, plan):
     assert largest_step_rad(worst.qs_rad, away.at(worst.faces_base)).max() > apart.max()
 
 
+@pytest.mark.slow
 def test_progress_only_grows_though_all_motions_in_known_postures_are_refused(
     path, plan, monkeypatch
 ):
@@ -477,6 +480,7 @@ def test_progress_only_grows_though_all_motions_in_known_postures_are_refused(
     assert shares[-1] == 1.0
 
 
+@pytest.mark.slow
 def test_planning_is_reproducible_bit_by_bit(path, plan):
     again = plan_scan(path, RX90, SETTINGS)
     assert again.certificate == plan.certificate

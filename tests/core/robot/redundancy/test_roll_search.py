@@ -74,6 +74,7 @@ class OneByOne:
         return solutions.qs_rad[0], solutions.valid[0]
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("scene", ["S1", "S4", "S5"])
 def test_the_search_agrees_with_a_slow_one(scene):
     path = part(dense_path(scene, step_mm=4.0, step_deg=4.0), 0, 45)
@@ -97,6 +98,7 @@ def test_the_search_agrees_with_a_slow_one(scene):
     assert 0 < sum(expected) < 24
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("scene", sorted(SCENES))
 def test_known_scenes_have_the_known_number_of_feasible_rolls(scene):
     search = search_rolls(dense_path(scene), RX90)

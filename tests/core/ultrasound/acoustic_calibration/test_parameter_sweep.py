@@ -44,6 +44,7 @@ def test_in_little_noise_five_millimetres_are_found_and_right(found):
         assert abs(found.bias_mm[i]) < bias_mm
 
 
+@pytest.mark.slow
 def test_over_several_textures_there_is_no_bias():
     small = WhatIfGrid(("2.25MHz", "1MHz"), ("chirp",), (50.0,), (5.0,), n=16)
     biases_mm = np.array([sweep(small, record_plate, seed=seed).bias_mm for seed in range(8)])

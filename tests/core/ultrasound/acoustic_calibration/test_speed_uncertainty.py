@@ -76,6 +76,7 @@ def test_it_is_the_spread_of_patients_drawn_from_the_field():
     np.testing.assert_allclose(own * speed, (drawn - means[:, None]).std(axis=0), rtol=0.05)
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("n", [1, 3, 6])
 def test_it_is_the_error_of_the_mean_over_patients_of_all_studies(n):
     rng = np.random.default_rng(n)

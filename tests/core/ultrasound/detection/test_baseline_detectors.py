@@ -20,6 +20,7 @@ METHODS = pytest.mark.parametrize("method", ["matched", "threshold"])
 SEEDS = (910_000, 920_000)  # other worlds than those the methods were made with
 
 
+@pytest.mark.sweep(3)
 @METHODS
 @EVERY
 def test_a_plain_plate_is_measured_in_every_shot(name, excitation, method):
@@ -34,6 +35,7 @@ def test_a_plain_plate_is_measured_in_every_shot(name, excitation, method):
         assert (found.thickness_mm - true_mm).std() < 0.15
 
 
+@pytest.mark.sweep(2)
 @METHODS
 @EVERY
 def test_where_the_bone_has_no_end_hardly_anything_is_taken_for_it(name, excitation, method):

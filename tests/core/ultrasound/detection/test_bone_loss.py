@@ -22,6 +22,7 @@ def detected(survey, loss, **given):
     return detect(asked, **given)
 
 
+@pytest.mark.sweep(1)
 def test_it_follows_the_loss_of_the_bone(survey):
     true = (0.7, 1.0, 1.5)
     learned = [detected(survey, loss).bone_loss for loss in true]
@@ -29,6 +30,7 @@ def test_it_follows_the_loss_of_the_bone(survey):
     np.testing.assert_allclose(learned, true, atol=0.3)
 
 
+@pytest.mark.slow
 def test_lossy_bone_is_seen_through_where_nominal_bone_hides_it(survey):
     learned, nominal, oracle = (
         detected(survey, 1.5, bone_loss=loss).inner_ok.mean() for loss in (None, 1.0, 1.5)
@@ -37,6 +39,7 @@ def test_lossy_bone_is_seen_through_where_nominal_bone_hides_it(survey):
     assert learned > 2.0 * nominal
 
 
+@pytest.mark.sweep(1)
 def test_a_given_loss_is_taken_and_the_plain_methods_learn_none(survey):
     assert detected(survey, 1.0, bone_loss=0.8).bone_loss == 0.8
     assert detected(survey, 1.0, method="matched").bone_loss is None

@@ -60,6 +60,7 @@ def test_the_scenes_are_as_hard_as_real_skulls():
     assert 12.0 < np.percentile(tilts, 90) < 20.0
 
 
+@pytest.mark.sweep(1)
 @EVERY
 def test_the_outer_boundary_is_found_everywhere_to_a_few_hundredths(name, excitation):
     probe = probe_model(name)
@@ -72,6 +73,7 @@ def test_the_outer_boundary_is_found_everywhere_to_a_few_hundredths(name, excita
         assert error.std() < 0.03
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     ("name", "excitation", "coverage", "wrong", "sd_mm"),
     [
@@ -95,6 +97,7 @@ def test_what_is_not_flagged_is_right_on_rough_skulls(name, excitation, coverage
     assert np.mean(np.abs(error[~ok]) > 1.0) > 3.0 * np.mean(np.abs(error[ok]) > 1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("excitation", ["pulse", "chirp"])
 def test_subtracting_the_front_beats_the_plain_detectors(excitation):
     failures = {}
@@ -112,6 +115,7 @@ def test_subtracting_the_front_beats_the_plain_detectors(excitation):
     assert failures["subtract"] < 0.8 * min(failures["matched"], failures["threshold"])
 
 
+@pytest.mark.sweep(4)
 @EVERY
 @pytest.mark.parametrize("thickness_mm", [5.0, 7.0, 9.0])
 def test_flat_bone_is_measured_to_its_nominal_speed(name, excitation, thickness_mm):
@@ -142,6 +146,7 @@ def test_thickness_is_proportional_to_the_speed_that_is_assumed():
     assert 2.45 < NOMINAL_SPEED_MM_PER_US < 2.85
 
 
+@pytest.mark.sweep(2)
 @EVERY
 def test_the_standoff_follows_the_probe_over_its_compliance(name, excitation):
     lifts = np.linspace(-1.9, 1.9, 9)

@@ -24,6 +24,7 @@ def test_the_two_oracles_are_one_on_flat_bone(monkeypatch):
     assert max(abs(found.front_ns), abs(found.inner_ns)) < 2.5
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("name", PROBE_NAMES)
 @pytest.mark.parametrize("lean_deg", [0.0, 1.0, 2.0])
 def test_rays_of_leaning_bone_are_as_loud_as_all_plane_waves(name, lean_deg):
@@ -33,6 +34,7 @@ def test_rays_of_leaning_bone_are_as_loud_as_all_plane_waves(name, lean_deg):
     assert abs(found.inner_db) < 2.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PROBE_NAMES)
 def test_rays_of_leaning_bone_hold_at_four_degrees(name):
     found = leaning(name, 4.0)

@@ -74,6 +74,7 @@ def test_an_unknown_pulse_is_refused():
         ProbeSettings(pulse_shape="square")
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize("name", list(PROBES))
 @pytest.mark.parametrize(
     "change",

@@ -53,6 +53,7 @@ def silently_wrong(found):
     return int((found.ok & (np.abs(found.thickness_mm - PLATE_MM) > WRONG_MM)).sum())
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("every", [1, 4, 8, 10])
 def test_with_four_samples_a_cycle_the_plate_is_right(every):
     found = detect_recorded(record(every=every), SPEED)
@@ -60,6 +61,7 @@ def test_with_four_samples_a_cycle_the_plate_is_right(every):
     assert silently_wrong(found) == 0
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize("every", range(18, 60, 3))
 def test_lines_whose_echoes_are_folded_are_refused_with_the_cause_or_flagged(every):
     cause = ""

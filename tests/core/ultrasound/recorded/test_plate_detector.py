@@ -112,6 +112,7 @@ TRIED = [
 ]
 
 
+@pytest.mark.sweep(6)
 @pytest.mark.parametrize("name", TRIED)
 def test_the_plate_is_found_in(name):
     case = varied(CASES[name], seed=11)
@@ -156,6 +157,7 @@ def test_a_front_alone_is_no_plate():
     assert found.ok.mean() <= 0.1
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("n", [1, 20])
 @pytest.mark.parametrize("length_us", [0.3, 0.4, 0.6])
 def test_a_front_alone_in_little_noise_is_no_plate(n, length_us):
@@ -205,6 +207,7 @@ def test_lines_at_their_limits_all_the_time_hold_no_plate():
 # -- parts -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("centre_mhz", [1.0, 2.25, 5.0])
 @pytest.mark.parametrize("thickness_mm", [2.0, 9.0])
 def test_the_band_is_that_of_the_pulse_even_where_echoes_interfere(centre_mhz, thickness_mm):

@@ -72,6 +72,7 @@ MENDED = {
 }
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize("name", MENDED)
 def test_the_plate_is_found_in(name):
     made, found, error = judged(MENDED[name])
@@ -90,6 +91,7 @@ def test_fronts_cut_off_by_ten_are_explained_by_the_back_wall():
     assert abs(np.median(cut) - np.median(error)) < 0.1
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("radius_mm", [3.2, 6.4])
 def test_the_spreading_field_of_a_probe_does_not_move_the_mean(radius_mm):
     bench = replace(TANK, matter=STEEL, thickness_mm=25.0, radius_mm=radius_mm, length_us=60.0)
@@ -99,6 +101,7 @@ def test_the_spreading_field_of_a_probe_does_not_move_the_mean(radius_mm):
     assert abs(float(np.median(error))) < 0.16
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("seed", range(4))
 def test_a_back_wall_that_is_not_heard_is_not_invented(seed):
     _, made = draw("inaudible", seed)
@@ -146,6 +149,7 @@ def test_a_hum_is_taken_away_and_echoes_are_not():
     assert np.sqrt((left**2).mean()) < 0.15 * np.sqrt((hum**2).mean())
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("family", FAMILIES)
 def test_the_generator_tells_the_truth_about_a_draw(family):
     bench, made = draw(family, 7)

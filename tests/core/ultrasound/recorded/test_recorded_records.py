@@ -39,6 +39,7 @@ def read(name, *, positions=True, known_start=True):
     return rf_from_arrays(arrays, name)
 
 
+@pytest.mark.sweep(1)
 @real
 @pytest.mark.parametrize("positions", [True, False])
 @pytest.mark.parametrize("known_start", [True, False])
@@ -74,6 +75,7 @@ def test_single_samples_at_a_limit_are_clipped(times, bits):
     assert lone.sum() > 40, "else this test says nothing"
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("bits", [6, 8, 12])
 def test_waves_that_just_fit_are_not_clipped(seed, bits):
@@ -97,6 +99,7 @@ def test_converters_that_take_turns_have_limits_of_their_own():
     assert not found[~near].any()
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize(("back", "seed"), [(-0.6, 4), (-0.6, 5), (0.6, 3), (0.6, 4)])
 def test_a_back_wall_cut_off_as_much_as_the_front_turns_no_half_cycle(back, seed):
     made = record(varied(COARSE, full_scale=0.2, back=back, seed=seed))

@@ -12,6 +12,7 @@ from tests.scenes.bone_scenes import plate
 WRONG_MM = 1.0
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("excitation", ["pulse", "chirp"])
 @pytest.mark.parametrize("name", list(PROBES))
 @pytest.mark.parametrize("thickness_mm", [6.0, 8.0])
@@ -30,6 +31,7 @@ def test_on_a_plate_the_scatter_is_that_of_the_bound(name, excitation, thickness
     assert 0.85 < error_us.std() / bound < 1.5
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("excitation", ["pulse", "chirp"])
 @pytest.mark.parametrize("name", list(PROBES))
 def test_a_loss_that_is_learned_costs_micrometres_of_scatter(name, excitation):

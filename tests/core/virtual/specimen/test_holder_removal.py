@@ -64,12 +64,12 @@ def table(gap_mm):
 
 
 HOLDERS = {
+    "table, ring and pins": lambda: table(-3.0) | ring(45.0) | pins(45.0),
     "ring": lambda: ring(20.0),
     "ring before the region": lambda: ring(-2.0),
     "ring with pins": lambda: ring(45.0) | pins(45.0),
     "table": lambda: table(10.0),
     "table that touches": lambda: table(-3.0),
-    "table, ring and pins": lambda: table(-3.0) | ring(45.0) | pins(45.0),
     "plate beside the head": lambda: (places()[..., 0] > 100.0) & (places()[..., 0] < 112.0),
 }
 
@@ -93,6 +93,7 @@ def test_a_head_without_a_holder_is_left_as_it_is(alone):
     assert len(freed.cuts_upright) == 0
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("name", HOLDERS)
 def test_a_holder_is_taken_away_and_the_head_is_not(name, tmp_path):
     holder = HOLDERS[name]() & ~head()
@@ -112,6 +113,7 @@ def expected(alone):
     return import_skull(alone, radius_mm=18.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", HOLDERS)
 def test_the_same_region_is_chosen_as_without_the_holder(name, expected, tmp_path):
     held = saved(head() | HOLDERS[name](), tmp_path / "held.nii")
@@ -122,6 +124,7 @@ def test_the_same_region_is_chosen_as_without_the_holder(name, expected, tmp_pat
     assert found.mean_thickness_mm == pytest.approx(expected.mean_thickness_mm, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_given_centre_is_found_behind_the_holder(tmp_path):
     way = np.array((-1.0, 0.1, 0.15))
     way /= np.linalg.norm(way)
@@ -139,6 +142,7 @@ def test_a_disc_where_the_head_was_held_is_refused(tmp_path):
         import_skull(held, center=center, radius_mm=15.0)
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("off_mm", [6.0, 12.0, -11.0, -30.0])
 def test_a_centre_off_the_bone_is_refused_with_its_distance(alone, off_mm):
     center = np.array((-RADII_MM[0] - off_mm, 0.0, 0.0)) + SHIFT_MM
@@ -176,6 +180,7 @@ def face():
 TILTS = (-25.0, -15.0, 0.0, 15.0, 25.0, 90.0)
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("degrees", [*TILTS, -90.0])
 def test_the_face_of_a_tilted_head_is_no_holder(degrees):
     affine = tilted(degrees) @ np.diag((VOXEL_MM,) * 3 + (1.0,))
@@ -183,6 +188,7 @@ def test_the_face_of_a_tilted_head_is_no_holder(degrees):
     assert without_holder(bone).bone is bone
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.skipif(not SHARED.is_dir(), reason="the real skulls are not here")
 @pytest.mark.parametrize("degrees", TILTS)
 @pytest.mark.parametrize("name", ["skull_c_mask.nrrd", "skull_d_mask.nii.gz"])
@@ -192,6 +198,7 @@ def test_real_skulls_have_no_holder(name, degrees):
     assert without_holder(bone).bone is bone
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("radius_mm", [146.0, 150.0, 165.0])
 def test_a_ball_that_is_no_head_is_left_as_it_is(radius_mm):
     side = 4.0 * np.arange(-43, 44)

@@ -52,6 +52,7 @@ def test_landmarks_lie_where_they_are_named():
         assert np.sign(p[0]) == side
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("half", [0.8, 1.1, 1.3])  # a region, a face of the cube, the largest
 @pytest.mark.parametrize("seed", range(3))
 def test_a_chart_has_the_closed_form_of_its_head(seed, half):
@@ -61,6 +62,7 @@ def test_a_chart_has_the_closed_form_of_its_head(seed, half):
     np.testing.assert_allclose(shape.chart_radii(axes, slopes), closed, atol=1e-11, rtol=0.0)
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("seed", range(5))
 def test_boundaries_never_touch(seed):
     _, u = cube_sphere(90)  # 1.3 mm apart

@@ -58,6 +58,7 @@ BEFORE = {
 }
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize(("profile", "tool"), BEFORE)
 def test_with_everything_off_it_is_the_tracker_it_was(profile, tool):
     tracker = tracker_of(replace(PLAIN, profile=profile), lambda tool, t: FACING)
@@ -99,6 +100,7 @@ def test_what_is_hidden_is_left_out_only_with_the_switch():
     assert all(f.tool("toolmarker").status == "ok" for f in off)
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("latency_ms", [14.0, 50.0, 200.0])
 def test_a_late_frame_shows_where_the_tool_was(latency_ms):
     settings = TrackerSettings(profile="ideal", latency_ms=latency_ms)

@@ -91,6 +91,7 @@ def test_nothing_is_doubted_less_than_before_and_nothing_where_nothing_is_behind
     assert (along(np.zeros(depth.shape), depth, levels) == 0.0).all()
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("excitation", ["pulse", "chirp"])
 @pytest.mark.parametrize("name", ["2.25MHz", "1MHz"])
 @pytest.mark.parametrize("share", [1.0, 1.5, 2.0])
