@@ -169,8 +169,8 @@ def motion_section(session: Session) -> Html:
     rows = [
         (
             row.check.name,
-            _checked(row.check.value, row.check.unit),
-            f"{'≥' if row.at_least else '≤'} {_checked(row.check.limit, row.check.unit)}",
+            row.value_words,
+            row.limit_words,
             row.place,
             badge("pass" if row.check.holds else "fail"),
         )
@@ -196,11 +196,6 @@ def motion_section(session: Session) -> Html:
         parts += [] if contact.mass is None else [note(f"{contact.mass}.", "warn")]
         parts += [] if contact.delay is None else [tag("p", delay_sentence(contact.delay))]
     return joined(parts)
-
-
-def _checked(value: float, unit: str) -> str:
-    """Return a value of a check; less than a millionth is nothing."""
-    return f"{round(value, 6) + 0.0:.4g} {unit}".rstrip()
 
 
 _CHECKS = ("", "n", "n", "", "v")

@@ -15,7 +15,7 @@ from rona_core.planning.implants.solids import (
     cylinder,
     stadium,
 )
-from rona_core.planning.milling.burr import Burr, ball, cylinder_burr
+from rona_core.planning.milling.burr import Burr, ball
 from rona_core.planning.milling.milling_path import MillingPath, Move
 from rona_core.planning.milling.plan_milling import plan_milling
 from rona_core.planning.milling.removal import grid_of, lowest_mm, removed_bed
@@ -23,7 +23,7 @@ from rona_core.planning.milling.settings import MillingSettings
 from rona_core.planning.milling.tool_regions import levels, pocket_of, region_at
 
 SMALL = MillingSettings(burr=ball(3.0), rim_burr=ball(1.5))
-FLAT = replace(SMALL, burr=Burr(3.0, 0.5), rim_burr=cylinder_burr(1.0), tilt_deg=0.0)
+FLAT = replace(SMALL, burr=Burr(3.0, 0.5), rim_burr=Burr(1.0, 0.0), tilt_deg=0.0)
 ROUND = Implant("round", Stack((cylinder(9.0, 0.0, 2.0),)))
 STEPPED = Implant("stepped", Stack((Prism(12.0, 8.0, 1.0, -1.0, 0.7), stadium(7.0, 5.0, 0.7, 2.2))))
 
