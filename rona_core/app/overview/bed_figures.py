@@ -14,7 +14,7 @@ def bed_rows(bed: ImplantBed, placed: PlacedBed) -> Rows:
     if placed.residual_mm is not None and placed.chance is not None:
         chance = placed.chance
         rows += [
-            ("Least bone below", f"{placed.residual_mm:.2f} mm"),
+            ("Least bone below, by the maps", f"{placed.residual_mm:.2f} mm"),
             (f"Probability of {bed.limit_mm:g} mm", percent(chance.probability)),
             ("… 95 % interval", f"{percent(chance.low)} to {percent(chance.high)}"),
         ]
