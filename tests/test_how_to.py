@@ -55,7 +55,7 @@ print("SEEN " + json.dumps({
         "add_a_probe": list(gui.find("dropdown", "Probe").options),
         "add_a_robot": list(gui.find("dropdown", "Arm").options),
         "add_an_export": list(gui.find("dropdown", "File").options),
-        "add_a_figure": [table(rows, Session(), frozenset())],
+        "add_a_figure": [table(rows)],
     },
     "terminal": {
         "add_a_probe": [verbs["detect"].format_help()],

@@ -23,7 +23,6 @@ from rona_core.app.steps.scan.messages import StartProbeMountingCapture, StartSc
 from rona_core.app.steps.smoothing.messages import SmoothScanPath
 from rona_core.app.steps.surface.messages import StartSurfaceCapture
 from rona_core.app.steps.tool.messages import StartToolCapture
-from rona_core.devices.protocols import Cancel, never, silent
 from rona_core.errors import CancelledError, InvalidInputError, RonaError
 from rona_core.session.document import Session
 
@@ -197,21 +196,18 @@ def run_procedure(
     among: Stages,
     *,
     progress: StepProgress = unwatched,
-    cancel: Cancel = never,
 ) -> Ending:
     """Carry out all stages after set-up, one after the other; stop where one cannot be done.
 
     An offered stage that fails is left out.
 
     Raises:
-        CancelledError: ``cancel`` returned True.
+        CancelledError: Stop was pressed.
     """
     left: dict[str, str] = {}
     while (stage := next_stage(bench.session, left, among)) is not None:
-        if cancel():
-            raise CancelledError(f"cancelled before step {stage.name}")
         progress(stage.name, 0.0)
-        reason = _carry_out(stage, bench, progress, cancel)
+        reason = _carry_out(stage, bench, progress)
         if reason is not None and not stage.offered:
             return Ending(False, stage.name, reason, left)
         progress(stage.name, 1.0)
@@ -220,9 +216,7 @@ def run_procedure(
     return Ending(True, left_out=left)
 
 
-def _carry_out(
-    stage: Stage, bench: Workbench, progress: StepProgress, cancel: Cancel
-) -> str | None:
+def _carry_out(stage: Stage, bench: Workbench, progress: StepProgress) -> str | None:
     """Bring a stage forward; return why what it makes is not usable then, or None."""
     before = stage.judgement(bench.session)
     message = None if before.state == "bad" else stage.next_message(bench.session)
@@ -230,7 +224,7 @@ def _carry_out(
         if message is not None and type(message).__name__ in REGISTRY.command_types:
             bench.dispatch(message)
         elif message is not None:
-            bench.run(message, lambda share: progress(stage.name, share), cancel)
+            bench.run(message, lambda share: progress(stage.name, share))
     except CancelledError:
         raise
     except RonaError as error:
@@ -240,14 +234,14 @@ def _carry_out(
         return None
     plan = bench.session.results.roll
     if stage.name == "roll" and plan is not None and (why := why_no_plan(plan.value)) is not None:
-        return f"{why}. {_base_move(bench, cancel)}"
+        return f"{why}. {_base_move(bench)}"
     return found.reason
 
 
-def _base_move(bench: Workbench, cancel: Cancel) -> str:
+def _base_move(bench: Workbench) -> str:
     """Return which move of the robot's base would help; the search has a bound of its own."""
     try:
-        bench.run(StartBasePlacement(), silent, cancel)
+        bench.run(StartBasePlacement())
     except CancelledError:
         raise
     except RonaError as error:

@@ -144,10 +144,6 @@ class BandLimitedNoise:
         angles = 2.0 * np.pi * self.frequencies_hz * times_s[:, None, None] + self.phases
         return self.amplitude * np.sin(angles).sum(axis=2)
 
-    def largest(self) -> float:
-        """Return a bound of each component."""
-        return self.amplitude * WAVES
-
 
 def sample_times_s(duration_s: float) -> Floats:
     """Return the times (n,) at which a motion is laid out, from 0 to ``duration_s``."""

@@ -11,7 +11,6 @@ from rona_core.app.overview.predicted_accuracy import predicted_figures
 from rona_core.app.report.sections import quality_section
 from rona_core.app.steps.maps.accuracy import map_accuracy
 from rona_core.app.steps.maps.error_budget import error_budgets
-from rona_core.session.document import Session
 from rona_ui.panels.layout.quality import table
 from tests.scenes import demo_parts
 
@@ -61,7 +60,7 @@ def test_every_figure_is_in_the_table_of_the_page_and_in_the_report():
     assert shown == {
         one.key for name, part in SECTIONS.items() if name not in ELSEWHERE for one in part
     }
-    page = table(rows, Session(), frozenset())
+    page = table(rows)
     report = quality_section(rows, with_truth=True)
     for key in shown:
         assert FIGURES[key].title in page, key

@@ -16,7 +16,7 @@ from benchmarks.metric import Metric, Progress
 from benchmarks.suites.accuracy.next_lines import Rows, closer_rows, random_rows
 from rona_core.app.procedure import stages
 from rona_core.app.runtime.deriving import read_inputs
-from rona_core.app.steps.implant.bed_lines import find_bed_lines, heard_around
+from rona_core.app.steps.implant.bed_lines import find_bed_lines, hearing_around
 from rona_core.app.steps.implant.derivation import search_bed
 from rona_core.app.steps.implant.implant_bed import ImplantBed
 from rona_core.app.steps.implant.inputs import BedInputs, LinesInputs
@@ -167,7 +167,7 @@ def _scanned(session: Session, held: ImplantBed, rows: tuple[Row, ...]) -> Judge
 
 def _heard(session: Session, held: ImplantBed) -> Hearing:
     draws = drawn_maps(session, DRAWS, same_robot=True, grooves=True)
-    return heard_around(read_inputs(LinesInputs, _holding(session, held)), draws)
+    return hearing_around(read_inputs(LinesInputs, _holding(session, held)), draws)
 
 
 def _judged(session: Session, held: ImplantBed) -> Judged:

@@ -15,7 +15,7 @@ from rona_core.planning.bed import Bed
 from rona_core.planning.implants.catalogue import implant_named
 from rona_core.planning.implants.implant import Implant
 from rona_core.planning.implants.solids import Prism, Stack, cylinder, stadium
-from rona_core.planning.milling.burr import Burr, ball, cylinder_burr
+from rona_core.planning.milling.burr import Burr, ball
 from rona_core.planning.milling.implant_fit import MOST_OVERLAP_MM, fit
 from rona_core.planning.milling.milling_path import MillingPath
 from rona_core.planning.milling.plan_milling import plan_milling
@@ -30,7 +30,7 @@ RINGS = 5
 VOLUME_CELL_MM = 0.05
 REMOVALS = 2  # of which the faster counts
 EXACT = MillingSettings(rim_burr=None, over_depth_mm=0.0, side_clearance_mm=0.0, tilt_deg=0.0)
-FLAT = replace(EXACT, burr=cylinder_burr(4.0))
+FLAT = replace(EXACT, burr=Burr(4.0, 0.0))
 FINE = replace(EXACT, pitch=0.25)
 
 

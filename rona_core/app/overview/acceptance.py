@@ -42,10 +42,25 @@ class QualityRow:
         """Return the value in words, beside its limit."""
         if not isinstance(self.value, int | float) or isinstance(self.value, bool):
             return f"{self.title}: {self.reason or self.value}"
-        words = f"{self.title} {self.value:.{self.decimals}f} {self.unit}".rstrip()
+        words = f"{self.title} {self.value_words}"
         if self.limit is not None:
             words += f" (limit {self.limit:.{self.decimals}f})"
         return f"{words}: {self.reason}" if self.reason else words
+
+    @property
+    def value_words(self) -> str:
+        """Value with its unit."""
+        if isinstance(self.value, bool) or not isinstance(self.value, int | float):
+            return str(self.value)
+        return f"{self.value:.{self.decimals}f} {self.unit}".rstrip()
+
+    @property
+    def limit_words(self) -> str:
+        """Limit with its sign and unit; empty without one."""
+        if self.limit is None:
+            return ""
+        sign = "≤" if self.sense == "at most" else "≥"
+        return f"{sign} {self.limit:.{self.decimals}f} {self.unit}".rstrip()
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,8 +1,15 @@
 """Section of the report about the implant bed: does it fit, what it leaves, how it is milled."""
 
 from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.overview.bed_figures import (
+    LIFT_HEAD,
+    SCREW_HEAD,
+    bed_rows,
+    lift_rows,
+    milling_rows,
+    screw_rows,
+)
 from rona_core.app.report.page import Html, badge, facts, joined, note, table, tag
-from rona_core.app.steps.implant.bed_milling import MillingView
 from rona_core.app.steps.implant.implant_bed import ImplantBed, PlacedBed
 from rona_core.app.steps.implant.milling_motion import milling_stale
 from rona_core.app.steps.implant.milling_plan import MillingPlan, milling_verdict
@@ -33,21 +40,14 @@ def bed_section(session: Session) -> Html:
     parts = [title, note(verdict(bed), "good" if bed.refusal is None else "warn")]
     if bed.placed is not None:
         parts.append(facts(_figures(bed, bed.placed)))
-        parts.append(_screws(bed.placed))
+        if bed.placed.screws:
+            parts.append(table(SCREW_HEAD, screw_rows(bed.placed), _SCREWS))
     if bed.tried:
-        safe = None if bed.refusal is not None else bed.tried[-1]
-        rows = [
-            (
-                f"{one.lift_mm:g} mm",
-                percent(one.probability),
-                badge("pass" if one is safe else "fail"),
-            )
-            for one in bed.tried
-        ]
-        parts.append(table(("Lift", "Probability of the best place", ""), rows, _LIFTS))
+        rows = [(*cells, badge(kept)) for *cells, kept in lift_rows(bed)]
+        parts.append(table(LIFT_HEAD, rows, _LIFTS))
     if bed.placed is not None and bed.placed.residual_mm is not None:
         parts.append(tag("h3", "Milling path"))
-        parts.append(facts(_milling(milling_view(session))))
+        parts.append(facts(milling_rows(milling_view(session))))
         parts += [_by_robot(session), _rehearsed(session)]
     return joined(parts)
 
@@ -78,50 +78,11 @@ def _note(stale: str | None, what: str, words: str, good: bool) -> Html:
 
 def _figures(bed: ImplantBed, placed: PlacedBed) -> tuple[tuple[str, object], ...]:
     """Return what was asked of the bed, and what it leaves of the bone."""
-    at, chance = placed.placement, placed.chance
-    found: list[tuple[str, object]] = [
+    at = placed.placement
+    return (
         ("Implant", bed.implant),
         ("Lift", f"{bed.lift_mm:g} mm"),
         ("Asked", f"{bed.limit_mm:g} mm with {percent(bed.required)}"),
         ("Place u, v", f"{at.u_mm:.1f}, {at.v_mm:.1f} mm"),
-    ]
-    if chance is not None and placed.residual_mm is not None:
-        found += [
-            ("Least bone below", f"{placed.residual_mm:.2f} mm, by the maps"),
-            (
-                "Probability",
-                f"{percent(chance.probability)}, ≥ {percent(chance.low)} (95 %)",
-            ),
-        ]
-    return (
-        *found,
-        ("Bone above the seat", f"at most {placed.rim_above_mm:.2f} mm at the rim"),
-        ("Seat above the bone", f"at most {placed.rim_below_mm:.2f} mm at the rim"),
-        ("To unmapped bone", f"{placed.unmapped_mm:.1f} mm"),
-    )
-
-
-def _screws(placed: PlacedBed) -> Html:
-    rows = [
-        (
-            f"Screw {number}",
-            f"{one.screw.length_mm:g} mm",
-            f"{one.bone_mm:.2f} mm",
-            percent(one.chance.probability),
-        )
-        for number, one in enumerate(placed.screws, start=1)
-    ]
-    return table(("", "Length", "Bone", "Holds with"), rows, _SCREWS) if rows else joined(())
-
-
-def _milling(view: MillingView) -> tuple[tuple[str, object], ...]:
-    minutes, seconds = divmod(round(view.duration_s), 60)
-    burrs = " and ".join(f"{burr.diameter_mm:g}" for burr in view.path.burrs)
-    return (
-        ("Duration", f"{minutes} min {seconds:02d} s"),
-        ("Length", f"{view.path.length_mm() / 1000.0:.2f} m"),
-        ("Burrs", f"{burrs} mm"),
-        ("Layers", int(view.path.layers[-1]) + 1),
-        ("Implant goes in", "yes" if view.fit.goes_in else "no"),
-        ("Room below it", f"{view.fit.gap_min_mm:.2f} mm, mean {view.fit.gap_mean_mm:.2f} mm"),
+        *bed_rows(bed, placed),
     )

@@ -47,7 +47,10 @@ def quality_section(rows: tuple[QualityRow, ...], with_truth: bool) -> Html:
     head = ("Value", "Limit", "Verdict")
     columns = ("", "n", "n", "n", "v")
     if found.predicted:
-        lines = [(row.title, _value(row), _limit(row), _verdict(row)) for row in found.predicted]
+        lines = [
+            (row.title, row.value_words, row.limit_words, badge(row.verdict))
+            for row in found.predicted
+        ]
         parts.append(tag("h3", "Predicted by the program, without ground truth"))
         parts.append(table(("Figure", *head), lines, ("", "n", "n", "v")))
     if found.sections and with_truth:
@@ -60,8 +63,13 @@ def quality_section(rows: tuple[QualityRow, ...], with_truth: bool) -> Html:
     for part in found.sections:
         title = part.title if with_truth else f"{part.title} (recorded)"
         lines = [
-            (_title(row), _value(row), "" if expected is None else _value(expected), _limit(row))
-            + (_verdict(row),)
+            (
+                _title(row),
+                row.value_words,
+                "" if expected is None else expected.value_words,
+                row.limit_words,
+                badge(row.verdict),
+            )
             for row, expected in part.rows
         ]
         if lines:
@@ -161,8 +169,8 @@ def motion_section(session: Session) -> Html:
     rows = [
         (
             row.check.name,
-            _checked(row.check.value, row.check.unit),
-            f"{'≥' if row.at_least else '≤'} {_checked(row.check.limit, row.check.unit)}",
+            row.value_words,
+            row.limit_words,
             row.place,
             badge("pass" if row.check.holds else "fail"),
         )
@@ -190,31 +198,9 @@ def motion_section(session: Session) -> Html:
     return joined(parts)
 
 
-def _checked(value: float, unit: str) -> str:
-    """Return a value of a check; less than a millionth is nothing."""
-    return f"{round(value, 6) + 0.0:.4g} {unit}".rstrip()
-
-
 _CHECKS = ("", "n", "n", "", "v")
 
 
 def _title(row: QualityRow) -> Html:
     reason = joined((Html("<br>"), tag("small", row.reason))) if row.reason else ""
     return joined((row.title, reason))
-
-
-def _value(row: QualityRow) -> str:
-    if isinstance(row.value, bool) or not isinstance(row.value, int | float):
-        return str(row.value)
-    return f"{row.value:.{row.decimals}f} {row.unit}".strip()
-
-
-def _limit(row: QualityRow) -> str:
-    if row.limit is None:
-        return ""
-    sign = "≤" if row.sense == "at most" else "≥"
-    return f"{sign} {row.limit:.{row.decimals}f} {row.unit}".rstrip()
-
-
-def _verdict(row: QualityRow) -> Html:
-    return badge(row.verdict)

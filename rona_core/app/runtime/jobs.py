@@ -4,7 +4,7 @@ import threading
 import time
 import traceback
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -220,19 +220,6 @@ class Jobs:
         with self._changed:
             self._changed.wait_for(lambda: self._status[job].finished, timeout_s)
             return self._status[job]
-
-    def changes(self, job: str, period_s: float = 15.0) -> Iterator[JobStatus | None]:
-        """Yield every change of a job until it ends; None where nothing came for a while."""
-        status = self.status(job)
-        yield status
-        while not status.finished:
-            with self._changed:
-                seen = status.version
-                news = self._changed.wait_for(
-                    lambda seen=seen: self._status[job].version > seen, period_s
-                )
-                status = self._status[job]
-            yield status if news else None
 
     def subscribe(self, listener: Callable[[JobStatus], None]) -> Callable[[], None]:
         """Call ``listener(status)`` after each change; returns a function that ends that."""

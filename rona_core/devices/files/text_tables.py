@@ -32,10 +32,6 @@ class Table:
         """Return the place of a row, for messages."""
         return f"{self.name}, line {self.lines[row]}"
 
-    def widths(self) -> set[int]:
-        """Return the numbers of cells that rows have."""
-        return {len(row) for row in self.rows}
-
     def numbers(self, width: int) -> Floats:
         """Return all cells as numbers (n, width), NaN and infinity included.
 

@@ -9,7 +9,7 @@ import shapely
 from rona_core.devices.limits import require, require_within
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.planning.bed import Screw
-from rona_core.planning.implants.solids import Solid, solid_mesh
+from rona_core.planning.implants.solids import Stack, stack_mesh
 from rona_core.planning.implants.terraces import Terrace, terraces
 
 MOST_LIFT_MM = 4.0
@@ -29,7 +29,7 @@ class Implant:
     """An implant that is laid into the bone, in frame ``bed``."""
 
     name: str
-    solid: Solid
+    solid: Stack
     screws: tuple[Screw, ...] = ()
     dimensions: tuple[Dimension, ...] = ()
     lift_mm: float = 0.0  # a spacer raises it by so much out of the bone
@@ -48,7 +48,7 @@ class Implant:
 
     def mesh(self) -> Any:
         """Return its closed trimesh in ``bed``, raised by the lift."""
-        return solid_mesh(self.solid, self.lift_mm)
+        return stack_mesh(self.solid, self.lift_mm)
 
     def terraces(self) -> tuple[Terrace, ...]:
         """Return the regions that it needs, from the shallowest to the deepest.

@@ -1,11 +1,10 @@
-"""Solids of implants: upright prisms with rounded outlines, stacks of them, and closed meshes.
+"""Solids of implants: upright prisms with rounded outlines, and stacks of them.
 
 All in frame ``bed``: z = 0 is where the bone's surface is to be at the rim, depths count downwards.
 """
 
 from dataclasses import dataclass
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,10 +12,7 @@ import shapely
 import trimesh
 from shapely.geometry import LineString, Point, Polygon, box
 
-from rona_core.devices.files.triangle_file import read_triangles
 from rona_core.devices.limits import require, require_within
-from rona_core.geometry.arrays import Floats, Ints, readonly
-from rona_core.geometry.mesh import Mesh
 
 LEAST_MM, MOST_MM = 1.0, 120.0  # of any side: smaller or larger is a mix-up of units
 MOST_RISE_MM = 20.0  # of a solid above the plane z = 0
@@ -103,67 +99,12 @@ class Stack:
         _require_size("the height of a stack", height_mm)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ClosedMesh:
-    """A closed triangle mesh in ``bed``, its outside where the corners run counter-clockwise."""
+def stack_mesh(stack: Stack, lift_mm: float = 0.0) -> Any:
+    """Return the trimesh of a stack in ``bed``, raised by ``lift_mm``.
 
-    points_bed: Floats  # (n, 3)
-    triangles: Ints  # (m, 3) rows of points
-
-
-Solid = Stack | ClosedMesh
-
-
-def load_closed_stl(source: bytes | Path, name: str) -> ClosedMesh:
-    """Return the solid in an STL file, which is in mm and in frame ``bed``.
-
-    Args:
-        source: Contents of the file, or its path.
-        name: Of the file, for messages.
-
-    Raises:
-        InvalidInputError: damaged, open, or of a size outside 1 to 120 mm.
+    Its parts are closed bodies that touch one another.
     """
-    require(name.lower().endswith(".stl"), f"expected an STL file, got {name}: export it as STL")
-    return closed_mesh(read_triangles(source, name), name)
-
-
-def closed_mesh(mesh: Mesh, name: str) -> ClosedMesh:
-    """Return triangles as a solid.
-
-    Raises:
-        InvalidInputError: open, or of a size outside 1 to 120 mm.
-    """
-    solid: Any = trimesh.Trimesh(mesh.vertices, mesh.faces, process=True)
-    for axis, size_mm in zip("xyz", solid.extents, strict=True):
-        _require_size(f"{name} along {axis}", float(size_mm))
-    edges: Ints = np.unique(np.sort(solid.edges, axis=1), axis=0, return_counts=True)[1]
-    require(
-        bool(solid.is_watertight and solid.is_winding_consistent),
-        f"{name} is no closed solid: {np.count_nonzero(edges != 2)} of {len(edges)} edges do not "
-        "have two faces; close the mesh where it was made, and export it again",
-    )
-    if solid.volume < 0.0:
-        solid.invert()
-    depth_mm = -float(solid.bounds[0][2])
-    require(
-        -MOST_RISE_MM <= depth_mm <= MOST_DEPTH_MM,
-        f"{name} reaches {depth_mm:g} mm below its plane z = 0, expected {-MOST_RISE_MM:g} to "
-        f"{MOST_DEPTH_MM:g} mm: z = 0 is where the bone's surface is to be, z points out of it",
-    )
-    points = np.asarray(solid.vertices, dtype=np.float64)
-    return ClosedMesh(readonly(points.copy()), readonly(np.array(solid.faces, dtype=np.int64)))
-
-
-def solid_mesh(solid: Solid, lift_mm: float = 0.0) -> Any:
-    """Return the closed trimesh of a solid in ``bed``, raised by ``lift_mm``.
-
-    Parts of a stack are closed bodies that touch one another.
-    """
-    if isinstance(solid, ClosedMesh):
-        raised = solid.points_bed + (0.0, 0.0, lift_mm)
-        return trimesh.Trimesh(raised, solid.triangles, process=False)
-    bodies = [_prism_mesh(part, lift_mm) for part in solid.parts]
+    bodies = [_prism_mesh(part, lift_mm) for part in stack.parts]
     return trimesh.util.concatenate(bodies)
 
 
@@ -187,6 +128,5 @@ def _prism_mesh(part: Prism, lift_mm: float) -> Any:
 def _require_size(what: str, size_mm: float) -> None:
     require(
         LEAST_MM <= size_mm <= MOST_MM,
-        f"{what} is {size_mm:g} mm, expected {LEAST_MM:g} to {MOST_MM:g} mm: sizes are in mm; "
-        "scale a file in inch by 25.4 and one in metres by 1000",
+        f"{what} is {size_mm:g} mm, expected {LEAST_MM:g} to {MOST_MM:g} mm: is it in mm?",
     )

@@ -56,14 +56,6 @@ class Burr:
             return corner
         return corner - float(np.sqrt(corner * corner - between * between))
 
-    def lost_mm(self, over_depth_mm: float) -> float:
-        """Return the least side clearance with which a flat bottom reaches its depth at its edge.
-
-        A round burr leaves a corner; milled deeper by ``over_depth_mm`` the corner is out of the
-        way once the wall is so far off.
-        """
-        return self.radius_mm - self.reach_mm(over_depth_mm)
-
 
 def ball(diameter_mm: float) -> Burr:
     """Return a ball burr.
@@ -72,12 +64,3 @@ def ball(diameter_mm: float) -> Burr:
         InvalidInputError: a diameter outside 0.5 to 12 mm.
     """
     return Burr(diameter_mm, 0.5 * diameter_mm)
-
-
-def cylinder_burr(diameter_mm: float) -> Burr:
-    """Return a burr with a flat end.
-
-    Raises:
-        InvalidInputError: a diameter outside 0.5 to 12 mm.
-    """
-    return Burr(diameter_mm, 0.0)

@@ -19,7 +19,7 @@ from rona_core.planning.milling.burr import Burr
 from rona_core.planning.milling.settings import MillingSettings
 
 ARC_SEGMENTS = 32  # of a quarter circle
-FLOOR_SHARE = 0.02  # of the outline's area: a smaller step of a mesh has no layer of its own
+FLOOR_SHARE = 0.02  # of the outline's area: a smaller step has no layer of its own
 ROOM_MM = 0.1  # round the axis of a burr, or it has no way down but with its pole
 THIN_MM = 0.01  # half the width of a strip that counts as nothing: rounding of arcs
 MOST_SURFACE_MM = 10.0

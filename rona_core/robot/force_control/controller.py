@@ -55,22 +55,15 @@ class ContactCommand:
 class ContactController:
     """Keeps its state between steps; the same samples give the same commands."""
 
-    def __init__(
-        self,
-        settings: ContactSettings,
-        *,
-        travel_mm: float | None = None,
-        stiffness_n_per_mm: float = STIFFNESS_N_PER_MM,
-    ) -> None:
+    def __init__(self, settings: ContactSettings, *, travel_mm: float | None = None) -> None:
         """Begin before contact.
 
         Args:
             settings: Set point, delays and limits.
             travel_mm: Width of the certified band, where it is narrower than the settings allow.
-            stiffness_n_per_mm: What to expect before anything was touched.
         """
         self.settings = settings
-        self.stiffness = StiffnessEstimate(stiffness_n_per_mm, settings.period_s)
+        self.stiffness = StiffnessEstimate(STIFFNESS_N_PER_MM, settings.period_s)
         self._travel_mm = settings.travel_mm if travel_mm is None else travel_mm
         self._state = APPROACH
         self._reason = ""

@@ -92,12 +92,6 @@ def mass_disagreement(load: ToolLoad, tool: Tool) -> str | None:
     )
 
 
-def weight_wrench(load: ToolLoad, rotation_base_sensor: Floats) -> Floats:
-    """Return the wrench (6,) of the tool alone at an orientation (3, 3), offset included."""
-    weight = load.mass_kg * (rotation_base_sensor.T @ GRAVITY_BASE)
-    return np.concatenate((weight, np.cross(load.com_sensor_mm, weight))) + load.offset
-
-
 def pressing_force_n(
     load: ToolLoad, up_sensor: Floats, wrench: Floats, axis_sensor: Floats
 ) -> float:

@@ -74,7 +74,6 @@ def calibrate_delay_line(
     excitation: Excitation,
     *,
     film_mm: float = 0.0,
-    block_reflection: float = BLOCK_REFLECTION,
 ) -> DelayLine:
     """Return the delay of the line from A-scans on a block, a capture for each temperature.
 
@@ -84,7 +83,6 @@ def calibrate_delay_line(
         probe: The nominal probe.
         excitation: What it sent.
         film_mm: Fluid between line and block, where it is known; its time is taken off.
-        block_reflection: Amplitude that the block reflects.
 
     Raises:
         InvalidInputError: not a capture for each temperature, no A-scans, clipped ones, another
@@ -97,7 +95,7 @@ def calibrate_delay_line(
     delays = [face.delay_us + probe.line_delay_us - film_us for face in faces]
     line = _fit_line(delays, temperatures_c, probe)
     level = float(np.median(np.concatenate([face.level for face in faces])))
-    expected = block_reflection / BONE_REFLECTION
+    expected = BLOCK_REFLECTION / BONE_REFLECTION
     verdict, reasons = _judged(line, level / expected, probe)
     delay = np.concatenate(delays)
     return DelayLine(

@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 
 from rona_core.devices.protocols import Clock
-from rona_core.devices.wrench import JR3, SensorModel, WrenchSample
+from rona_core.devices.wrench import JR3, WrenchSample
 from rona_core.errors import DeviceError
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.robot.force_control.gravity_compensation import GRAVITY_BASE, cross_matrix
@@ -33,10 +33,6 @@ class VirtualForceSensor:
         robot_model: RobotModel,
         q_at: Callable[[float], Floats],
         depths_mm: DepthsAt,
-        *,
-        sensor: SensorModel = JR3,
-        stiffness_n_per_mm: float = LINE_N_PER_MM,
-        drift_n_per_min: float = 0.0,
     ) -> None:
         """Sit on the flange of a robot.
 
@@ -45,15 +41,11 @@ class VirtualForceSensor:
             robot_model: The robot with its tool.
             q_at: Joint angles (6,) at a time of the capture.
             depths_mm: How deep the face is pressed in.
-            sensor: Ranges and resolution.
-            stiffness_n_per_mm: Of the delay line.
-            drift_n_per_min: By which the forces creep.
         """
-        self.model, self._ranges = sensor, sensor.ranges
-        self._steps = self._ranges / sensor.steps
+        self.model, self._ranges = JR3, JR3.ranges
+        self._steps = self._ranges / JR3.steps
         self._clock, self._robot_model, self._q_at = clock, robot_model, q_at
         self._depths_mm = depths_mm
-        self._stiffness, self._drift = stiffness_n_per_mm, drift_n_per_min
         self._closed = False
         self.begin(0, 0)
 
@@ -72,7 +64,7 @@ class VirtualForceSensor:
         by_weight = np.vstack((np.eye(3), cross_matrix(self.com_flange_mm)))
         self._by_up = self.mass_kg * GRAVITY_BASE[2] * by_weight
         self._by_touch = np.concatenate((axis, levers @ axis))
-        self._spring = ContactSpring(self._stiffness, cutoff_hz=self.model.cutoff_hz)
+        self._spring = ContactSpring(LINE_N_PER_MM, cutoff_hz=self.model.cutoff_hz)
         self._until_s = 0.0
         self._closed = False
 
@@ -107,7 +99,6 @@ class VirtualForceSensor:
         wrench = self._by_up @ self._robot_model.up_flange(self._q_at(now_s))
         wrench -= self._spring.shown_n * self._by_touch
         wrench += self.offset
-        wrench[:3] += self._drift * now_s / 60.0
         return wrench
 
 

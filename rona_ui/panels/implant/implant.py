@@ -3,14 +3,22 @@
 from dataclasses import replace
 from typing import Any
 
+from rona_core.app.overview.bed_figures import (
+    LIFT_HEAD,
+    SCREW_HEAD,
+    bed_rows,
+    lift_rows,
+    milling_rows,
+    screw_rows,
+)
 from rona_core.app.steps.implant.bed_milling import MillingView
 from rona_core.app.steps.implant.implant_bed import ImplantBed
 from rona_core.app.steps.implant.messages import StartBedSearch
+from rona_core.app.steps.implant.view import verdict
 from rona_core.app.steps.maps.view import layers_of
 from rona_ui.panels.implant.burr import BurrFields
 from rona_ui.panels.implant.by_hand import ASKED, ByHandFolder
 from rona_ui.panels.implant.export import BedExportFolder
-from rona_ui.panels.implant.figures import bed_table, lift_table, milling_table, verdict_note
 from rona_ui.panels.implant.lines import LinesFolder
 from rona_ui.panels.implant.milling import MillingFolder
 from rona_ui.panels.maps.maps import color_bar
@@ -100,12 +108,22 @@ class ImplantPanel(StepPanel):
         held = snapshot.session.results.get("bed")
         if held is None:
             return ""
-        return verdict_note(held.value) + lift_table(held.value)
+        bed: ImplantBed = held.value
+        note = style.note(verdict(bed), "good" if bed.refusal is None else "warn")
+        rows = [(*cells, style.verdict(kept)) for *cells, kept in lift_rows(bed)]
+        return note + (style.table(("", "n", "n"), LIFT_HEAD, rows) if rows else "")
 
 
 def _tables(bed: ImplantBed, milling: MillingView | None) -> str:
     """Return the figures of the bed, and of its milling where it lies wholly in the maps."""
-    return bed_table(bed) + ("" if milling is None else milling_table(milling))
+    placed, html = bed.placed, ""
+    if placed is not None:
+        html = style.table(("", "n"), ("Bed", ""), bed_rows(bed, placed))
+        if placed.screws:
+            html += style.table(("", "n", "n", "n"), SCREW_HEAD, screw_rows(placed))
+    if milling is not None:
+        html += style.table(("", "n"), ("Milling", ""), milling_rows(milling))
+    return html
 
 
 def _key(snapshot: Snapshot) -> str:

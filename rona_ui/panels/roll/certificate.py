@@ -10,7 +10,6 @@ from rona_ui.viewer.bindings import escape
 
 NOTHING = "The verification appears here once a motion is planned (step 7)."
 NOWHERE = "Select a check"
-ROUNDING, SMALL = 1e-9, 1e-3
 
 
 class ChecksPanel:
@@ -80,7 +79,9 @@ def refusal(view: CertificateView) -> str:
 
 def refusal_in_short(view: CertificateView) -> str:
     """Return what is refused, for beside the plan."""
-    names = ", ".join(f"{row.check.name} ({value(row)}, {limit(row)})" for row in view.failures[:3])
+    names = ", ".join(
+        f"{row.check.name} ({row.value_words}, {row.limit_words})" for row in view.failures[:3]
+    )
     more = len(view.failures) - 3
     names += f" and {more} more" if more > 0 else ""
     return f"Refused: {names or 'another motion, robot or tolerances'}. See Checks on the right."
@@ -91,30 +92,9 @@ def table(view: CertificateView) -> str:
     rows = (
         (
             f'{escape(row.check.name)}<br><span class="g">{escape(row.place)}</span>',
-            f'<b>{escape(value(row))}</b><br><span class="g">{escape(limit(row))}</span>',
+            f'<b>{escape(row.value_words)}</b><br><span class="g">{escape(row.limit_words)}</span>',
             style.verdict("pass" if row.check.holds else "fail"),
         )
         for row in view.rows
     )
     return style.table(("", "n", ""), ("Check, where it is worst", "Value, limit", ""), rows)
-
-
-def value(row: CheckPlace) -> str:
-    """Return the worst value with its unit."""
-    return f"{_number(row.check.value)} {row.check.unit}".strip()
-
-
-def limit(row: CheckPlace) -> str:
-    """Return what is allowed."""
-    words = f"{'≥' if row.at_least else '≤'} {_number(row.check.limit)}"
-    return f"{words} {row.check.unit}".strip()
-
-
-def _number(value: float) -> str:
-    """Return at most four digits; what only rounding keeps from 0 is 0."""
-    size = abs(value)
-    if size < ROUNDING:
-        return "0"
-    if size < SMALL:
-        return f"{value:.1g}"
-    return f"{value:.{0 if size >= 1000 else 1 if size >= 10 else 2 if size >= 0.1 else 3}f}"

@@ -3,6 +3,7 @@
 from typing import Any
 
 from rona_core.app.steps.tool.calibration_view import CalibrationView, Step, calibration_view
+from rona_core.app.steps.tool.derivation import delay_words
 from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.step_panel import StepPanel
@@ -81,4 +82,7 @@ class ToolPanel(StepPanel):
         if derived is None:
             return ""
         x, y, z = derived.value.T_toolmarker_tip.translation
-        return style.text(f"Tip at ({x:.2f}, {y:.2f}, {z:.2f}) mm in the tool marker.")
+        words = f"Tip at ({x:.2f}, {y:.2f}, {z:.2f}) mm in the tool marker."
+        if derived.value.delay is not None:
+            words += " {}: {}.".format(*delay_words(derived.value.delay))
+        return style.text(words)

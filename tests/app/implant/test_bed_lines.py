@@ -9,7 +9,7 @@ from rona_core.app.dependencies.judge import blocked
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.messages.serialization import message_from
 from rona_core.app.runtime.deriving import read_inputs
-from rona_core.app.steps.implant.bed_lines import heard_around, lines_verdict
+from rona_core.app.steps.implant.bed_lines import hearing_around, lines_verdict
 from rona_core.app.steps.implant.inputs import LinesInputs
 from rona_core.app.steps.implant.messages import PlaceBed, StartBedLines
 from rona_core.app.steps.maps.accuracy import drawn_maps
@@ -49,7 +49,7 @@ def test_lines_lie_over_the_bed_and_say_how_much_they_can_tell(bench):
 def test_without_what_no_scan_tells_lines_tell_most_of_it(bench):
     session = bench.session
     draws = drawn_maps(session, 400, same_robot=True, grooves=True)
-    hearing = heard_around(read_inputs(LinesInputs, session), draws)
+    hearing = hearing_around(read_inputs(LinesInputs, session), draws)
     told = 1.0 - best_lines(hearing, 120.0).left_share
     # no error of the milling, none of the speed: the map is all that is open
     at = np.linalg.norm(hearing.places_mm - hearing.places_mm.mean(axis=0), axis=1) < 5.0

@@ -12,6 +12,7 @@ import pytest
 from PIL import Image
 
 from rona_core.app.overview.acceptance import quality_rows
+from rona_core.app.overview.bed_figures import bed_rows
 from rona_core.app.report.bed_section import bed_section
 from rona_core.app.report.page import Html, table, tag
 from rona_core.app.report.report import session_report, workbench_report
@@ -256,7 +257,8 @@ def test_the_bed_says_what_the_panel_says_and_a_refused_one_is_no_praise(demo):
     demo, _, _ = demo
     bed = demo.results.get("bed").value
     assert f'<div class="note good">{verdict(bed)}</div>' in bed_section(demo)
-    assert f"{bed.placed.residual_mm:.2f} mm, by the maps" in bed_section(demo)
+    for name, figure in bed_rows(bed, bed.placed):
+        assert f"<dt>{name}</dt><dd>{figure}</dd>" in bed_section(demo)
     assert "Milling path" in bed_section(demo)
     lost = laid_astray(demo)
     words = verdict(lost.results.get("bed").value)

@@ -135,25 +135,6 @@ def test_cancelled_work_that_stored_a_part_says_both():
     assert (end.state, end.revision) == ("cancelled", 5)
 
 
-def test_changes_arrive_in_order_up_to_the_end():
-    jobs = Jobs()
-    go = threading.Event()
-
-    def work(progress, cancel):
-        go.wait(10)
-        progress(0.5)
-        return 1
-
-    job = jobs.start(Work(), work, device=False)
-    stream = jobs.changes(job.id)
-    first = next(stream)
-    go.set()
-    rest = [status for status in stream if status is not None]
-    versions = [first.version, *(status.version for status in rest)]
-    assert versions == sorted(set(versions))
-    assert rest[-1].state == "done"
-
-
 def test_an_unknown_job_is_named():
     with pytest.raises(NotFoundError, match="nope"):
         Jobs().status("nope")

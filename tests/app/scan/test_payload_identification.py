@@ -14,10 +14,10 @@ from rona_core.errors import CancelledError, DegenerateGeometryError, NotReachab
 from rona_core.geometry.pose import Pose
 from rona_core.robot.collision.collision_world import CollisionWorld
 from rona_core.robot.collision.obstacles import NOTHING_AROUND, Capsule, Obstacle, Obstacles
-from rona_core.robot.force_control.gravity_compensation import weight_wrench
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.virtual.clock import CaptureClock
 from rona_core.virtual.robot.robot import VirtualRobot
+from tests.helpers.tool_weight import weight_wrench
 
 RX90 = robot_model("rx90")
 HOME = RX90.home_rad

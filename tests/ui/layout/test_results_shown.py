@@ -197,7 +197,7 @@ def test_a_stale_result_is_told_but_not_praised(demo: Session) -> None:
 def test_figures_of_stale_steps_are_marked(demo: Session) -> None:
     figures = {"tool_tip_error_mm": 0.2, "outer_rms_mm": 0.3}
     other = replace(demo, setup=replace(demo.setup, seed=demo.setup.seed + 1))
-    for session, marks in ((demo, 0), (other, 5)):  # tool, pointer, path, maps, burr
+    for session, marks in ((demo, 0), (other, 4)):  # calibration, path, maps, burr
         gui = FakeGui()
         QualityPanel(gui).render(None, snapshot(session, ViewState(), figures=figures))
         assert gui.html().count("! stale") == marks

@@ -116,7 +116,6 @@ def a_strip(**parts: Any) -> RollStrip:
             rolls_deg=rolls,
             feasible=feasible,
             node_room=room,
-            sentences=("",) * 4,
             reasons=("none", "limit", "reach", "none"),
             fails_at=np.array([1.0, 0.5, 0.0, 1.0]),
             chosen=0,

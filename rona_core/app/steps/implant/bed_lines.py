@@ -49,7 +49,7 @@ def find_bed_lines(
     progress(0.5)
     if cancel():
         raise CancelledError("cancelled")
-    found = best_lines(heard_around(known, draws), message.length_mm)
+    found = best_lines(hearing_around(known, draws), message.length_mm)
     if not len(found.rows_mm):
         raise StepBlockedError("StartBedLines is blocked: no line over the bed lies in the maps")
     progress(0.95)
@@ -61,7 +61,7 @@ def find_bed_lines(
     )
 
 
-def heard_around(known: LinesInputs, draws: MapDraws) -> Hearing:
+def hearing_around(known: LinesInputs, draws: MapDraws) -> Hearing:
     """Return what a further scan would hear around the bed, in draws of the maps.
 
     Raises:

@@ -8,6 +8,8 @@ from rona_core.app.steps.roll.plan_reasons import superseded
 from rona_core.robot.verification.certificate import Check
 from rona_core.session.document import Session
 
+ROUNDING, SMALL = 1e-9, 1e-3
+
 
 @dataclass(frozen=True, slots=True)
 class CheckPlace:
@@ -26,6 +28,17 @@ class CheckPlace:
             return f"at {self.time_s:.1f} s, off the path"
         return f"at {self.time_s:.1f} s, path {self.path_percent:.0f} %"
 
+    @property
+    def value_words(self) -> str:
+        """The worst value with its unit."""
+        return f"{_number(self.check.value)} {self.check.unit}".rstrip()
+
+    @property
+    def limit_words(self) -> str:
+        """What is allowed, with its unit."""
+        sign = "≥" if self.at_least else "≤"
+        return f"{sign} {_number(self.check.limit)} {self.check.unit}".rstrip()
+
 
 @dataclass(frozen=True, slots=True)
 class CertificateView:
@@ -40,6 +53,16 @@ class CertificateView:
     def failures(self) -> tuple[CheckPlace, ...]:
         """Return what does not hold."""
         return tuple(row for row in self.rows if not row.check.holds)
+
+
+def _number(value: float) -> str:
+    """Return at most four digits; what only rounding keeps from 0 is 0."""
+    size = abs(value)
+    if size < ROUNDING:
+        return "0"
+    if size < SMALL:
+        return f"{value:.1g}"
+    return f"{value:.{0 if size >= 1000 else 1 if size >= 10 else 2 if size >= 0.1 else 3}f}"
 
 
 def certificate_view(session: Session) -> CertificateView | None:

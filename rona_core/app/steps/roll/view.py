@@ -41,7 +41,6 @@ class RollStrip:
     rolls_deg: Floats  # (rolls,)
     feasible: Bools  # (rolls,)
     node_room: Floats  # (k, rolls) on the best branch at each place; below 0: cannot be reached
-    sentences: tuple[str, ...]
     reasons: tuple[str, ...]  # why each roll fails; "none" where it does not
     fails_at: Floats  # (rolls,) share of the path after which each roll fails; 1: it does not
     chosen: int  # -1 where none is, and where the chosen roll varies
@@ -140,7 +139,6 @@ def roll_strip(session: Session) -> RollStrip | None:
         rolls_deg=readonly(np.array([verdict.roll_deg for verdict in verdicts])),
         feasible=readonly(np.array([verdict.feasible for verdict in verdicts], dtype=np.bool_)),
         node_room=readonly(search.node_room.astype(np.float64)),
-        sentences=tuple(verdict.sentence for verdict in verdicts),
         reasons=tuple(verdict.reason for verdict in verdicts),
         fails_at=readonly(np.array(fails_at)),
         chosen=search.chosen,

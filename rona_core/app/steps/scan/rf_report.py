@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from rona_core.devices.files.rf.rf_data import RecordedRf, read_rf
 from rona_core.devices.files.text_tables import NamedFile
-from rona_core.devices.protocols import Cancel, Progress, never, silent
+from rona_core.devices.protocols import Progress, silent
 from rona_core.errors import InvalidInputError
 from rona_core.mapping.thickness_figures import ThicknessFigures, thickness_figures
 from rona_core.ultrasound.probe.probe_model import probe_model
@@ -43,7 +43,6 @@ def report_rf(
     *,
     probe: str | None = None,
     progress: Progress = silent,
-    cancel: Cancel = never,
 ) -> RfReport:
     """Read a recording as ``devices.rf_files.read_rf`` does, and measure the plate in it.
 
@@ -52,12 +51,10 @@ def report_rf(
         speed_m_per_s: Sound speed in the plate.
         probe: Name of the probe that took it; it only says where the band is sought.
         progress: Receives the share that is done, 0 to 1.
-        cancel: Asked between steps.
 
     Raises:
         InvalidInputError: the file holds no lines, an impossible speed, or no such probe.
         DegenerateGeometryError: there is no echo in the lines.
-        CancelledError: ``cancel`` said so.
     """
     low, high = SPEEDS_M_PER_S
     if not low <= speed_m_per_s <= high:
@@ -67,8 +64,6 @@ def report_rf(
         )
     prior_mhz = None if probe is None else probe_model(probe).centre_mhz
     recorded = read_rf(file)
-    found = detect_recorded(
-        recorded, speed_m_per_s * 1e-3, prior_mhz=prior_mhz, progress=progress, cancel=cancel
-    )
+    found = detect_recorded(recorded, speed_m_per_s * 1e-3, prior_mhz=prior_mhz, progress=progress)
     summary = thickness_figures(found.thickness_mm, found.ok, recorded.positions_mm)
     return RfReport(recorded, found, summary)

@@ -2,13 +2,11 @@
 
 import numpy as np
 import pytest
-import trimesh
 
 from rona_core.errors import InvalidInputError, NotFoundError
-from rona_core.geometry.mesh import Mesh
 from rona_core.planning.implants.catalogue import CATALOGUE, implant_named
 from rona_core.planning.implants.implant import Implant
-from rona_core.planning.implants.solids import Prism, Stack, closed_mesh, cylinder, stadium
+from rona_core.planning.implants.solids import Prism, Stack, cylinder, stadium
 
 AXIS_MM = np.arange(-15.05, 15.1, 0.7)  # no cell on an edge of the solids
 
@@ -24,10 +22,6 @@ def ray_depths_mm(mesh):
     return depth.reshape(x.shape)
 
 
-def from_mesh(mesh):
-    return Implant("mesh", closed_mesh(Mesh(np.array(mesh.vertices), np.array(mesh.faces)), "m"))
-
-
 STEPPED = Implant(
     "stepped", Stack((Prism(26.0, 18.0, 3.0, -1.0, 1.2), stadium(16.0, 9.0, 1.2, 5.0)))
 )
@@ -41,25 +35,6 @@ def test_depth_is_what_rays_meet(implant, lift_mm):
     np.testing.assert_allclose(
         lifted.depth_mm(AXIS_MM, AXIS_MM), ray_depths_mm(lifted.mesh()), atol=1e-5
     )
-
-
-def test_depth_of_a_mesh_is_that_of_its_slices():
-    ball = trimesh.creation.icosphere(subdivisions=3, radius=9.0)
-    ball.apply_translation((1.0, -2.0, 4.0))
-    implant = from_mesh(ball)
-    off = implant.depth_mm(AXIS_MM, AXIS_MM) - ray_depths_mm(ball)
-    assert off.min() >= -1e-3  # a slice is as deep as its lower face
-    assert off.max() <= 0.1 + 1e-3
-    assert from_mesh(ball).lifted(4.0).depth_mm(AXIS_MM, AXIS_MM).max() == pytest.approx(1.0)
-
-
-def test_a_hole_through_a_mesh_stays_a_hole():
-    ring = trimesh.creation.annulus(r_min=3.0, r_max=8.0, height=4.0)
-    implant = from_mesh(ring)
-    outline = implant.outline()
-    assert len(outline) == 2
-    depth = implant.depth_mm(np.array((-5.0, 0.0, 5.0)), np.array((0.0, 0.5)))
-    np.testing.assert_allclose(depth, [[2.0, 2.0], [0.0, 0.0], [2.0, 2.0]], atol=1e-6)
 
 
 def test_the_outline_is_round_the_widest_part_below_the_surface():

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from rona_core.errors import InvalidInputError
-from rona_core.planning.milling.burr import Burr, ball, cylinder_burr
+from rona_core.planning.milling.burr import Burr, ball
 from rona_core.planning.milling.settings import MillingSettings
 
 BULL = Burr(6.0, 1.0)
 
 
-@pytest.mark.parametrize("burr", [ball(5.0), BULL, cylinder_burr(4.0)], ids=str)
+@pytest.mark.parametrize("burr", [ball(5.0), BULL, Burr(4.0, 0.0)], ids=str)
 def test_rise_and_reach_are_inverse(burr):
     heights = np.linspace(0.0, burr.corner_radius_mm, 20)
     reaches = np.array([burr.reach_mm(h) for h in heights])
@@ -25,25 +25,16 @@ def test_rise_in_closed_form():
     away = np.array([0.0, 1.5, 2.0])
     np.testing.assert_allclose(ball(5.0).rise_mm(away), [0.0, 0.5, 1.0])
     np.testing.assert_allclose(BULL.rise_mm(np.array([2.0, 2.6])), [0.0, 0.2])
-    np.testing.assert_allclose(cylinder_burr(4.0).rise_mm(away), 0.0)
+    np.testing.assert_allclose(Burr(4.0, 0.0).rise_mm(away), 0.0)
 
 
 def test_the_ridge_between_cuts():
     assert ball(5.0).scallop_mm(1.25) == pytest.approx(2.5 - np.sqrt(2.5**2 - 0.625**2))
     assert ball(5.0).scallop_mm(1.25) == pytest.approx(0.079, abs=5e-4)
-    assert cylinder_burr(5.0).scallop_mm(1.25) == 0.0
+    assert Burr(5.0, 0.0).scallop_mm(1.25) == 0.0
     assert BULL.scallop_mm(3.9) == 0.0
     assert BULL.scallop_mm(4.0 + 1.2) == pytest.approx(0.2)
     assert ball(5.0).scallop_mm(6.0) == 2.5
-
-
-def test_what_is_lost_at_the_edge():
-    assert ball(5.0).lost_mm(0.3) == pytest.approx(1.31, abs=0.005)
-    assert ball(2.0).lost_mm(0.3) == pytest.approx(0.286, abs=0.005)
-    assert cylinder_burr(2.0).lost_mm(0.0) == 0.0
-    default = MillingSettings()
-    assert default.rim_burr is not None
-    assert default.rim_burr.lost_mm(default.over_depth_mm) <= default.side_clearance_mm
 
 
 @pytest.mark.parametrize(
@@ -59,7 +50,7 @@ def test_what_is_lost_at_the_edge():
         (lambda: MillingSettings(ramp_deg=0.0), "ramp_deg must be"),
         (lambda: MillingSettings(retract_mm=0.0), "retract_mm must be"),
         (lambda: MillingSettings(layer_mm=1.1), "thicker than the radius of a burr of 2 mm"),
-        (lambda: MillingSettings(rim_burr=cylinder_burr(2.0)), "no ball.*set tilt_deg to 0"),
+        (lambda: MillingSettings(rim_burr=Burr(2.0, 0.0)), "no ball.*set tilt_deg to 0"),
         (lambda: MillingSettings(tilt_deg=5.0), "ramp_deg 5 must be below tilt_deg 5"),
         (lambda: MillingSettings(rim_burr=ball(6.0)), "must not be larger"),
     ],

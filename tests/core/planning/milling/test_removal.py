@@ -12,7 +12,7 @@ from rona_core.planning.bed import Bed
 from rona_core.planning.implants.catalogue import implant_named
 from rona_core.planning.implants.implant import Implant
 from rona_core.planning.implants.solids import Prism, Stack, cylinder, stadium
-from rona_core.planning.milling.burr import Burr, ball, cylinder_burr
+from rona_core.planning.milling.burr import Burr, ball
 from rona_core.planning.milling.implant_fit import fit
 from rona_core.planning.milling.milling_path import MillingPath
 from rona_core.planning.milling.plan_milling import plan_milling
@@ -50,7 +50,7 @@ def groove_mm2(burr, depth):
     return 2.0 * flat * depth + r * r * (half - np.sin(half) * np.cos(half))
 
 
-@pytest.mark.parametrize("burr", [ball(3.0), Burr(4.0, 0.8), cylinder_burr(2.0)], ids=str)
+@pytest.mark.parametrize("burr", [ball(3.0), Burr(4.0, 0.8), Burr(2.0, 0.0)], ids=str)
 @pytest.mark.parametrize("depth", [0.4, 2.0])
 def test_a_groove_has_its_volume(burr, depth):
     short, long = (
@@ -144,7 +144,7 @@ def test_a_stepped_implant_goes_in():
 
 def test_the_quick_bed_of_a_flat_burr_is_the_bed_itself():
     settings = MillingSettings(
-        burr=cylinder_burr(4.0), rim_burr=None, tilt_deg=0.0, side_clearance_mm=0.5
+        burr=Burr(4.0, 0.0), rim_burr=None, tilt_deg=0.0, side_clearance_mm=0.5
     )
     bed = planned_bed(ROUND, settings)
     assert volume_mm3(bed) == pytest.approx(np.pi * 5.0**2 * 2.3, rel=0.01)
@@ -163,7 +163,7 @@ def test_the_implant_goes_in_with_a_rim_pass_and_not_without(implant):
     bad = fit(implant, planned_bed(implant, replace(settings, rim_burr=None)))
     assert not bad.goes_in
     assert 0.5 < bad.overlap_mm < 1.5
-    wide = settings.burr.lost_mm(settings.over_depth_mm) + 0.01
+    wide = settings.burr.radius_mm - settings.burr.reach_mm(settings.over_depth_mm) + 0.01
     wider = replace(settings, rim_burr=None, side_clearance_mm=wide)
     assert fit(implant, planned_bed(implant, wider)).goes_in
 

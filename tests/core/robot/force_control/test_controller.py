@@ -141,9 +141,9 @@ def test_the_same_samples_give_the_same_commands():
     assert not np.array_equal(first.force_n, other.force_n)
 
 
-def pressed_on(force_n=3.0, travel_mm=1.0, **options):
+def pressed_on(force_n=3.0, travel_mm=1.0):
     """A controller that has been in contact for a while, and the time of its next sample."""
-    controller = ContactController(SLOW, **options)
+    controller = ContactController(SLOW)
     for i in range(100):
         command = controller.step(ContactSample(0.016 * i, force_n, travel_mm))
     assert command.state == CONTACT

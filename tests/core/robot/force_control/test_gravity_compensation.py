@@ -17,9 +17,9 @@ from rona_core.robot.force_control.gravity_compensation import (
     lever_mm,
     mass_disagreement,
     pressing_force_n,
-    weight_wrench,
 )
 from rona_core.robot.kinematics.catalog import robot_model
+from tests.helpers.tool_weight import weight_wrench
 
 
 def readings(seed, n=6, noise_n=0.0):
