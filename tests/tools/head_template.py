@@ -11,9 +11,8 @@ import nibabel as nib
 import numpy as np
 from scipy import ndimage, optimize, sparse
 
-from rona_core.geometry.mesh import Mesh
+from rona_core.geometry.mesh import Mesh, surface_nets
 from rona_core.geometry.surface.raycast import MeshRaycaster
-from rona_core.geometry.surface_nets import surface_nets
 from rona_core.virtual.specimen.imported.display_mesh import _visible
 from rona_core.virtual.specimen.simulated.drawn_head import (
     NOMINAL_MM,

@@ -26,8 +26,12 @@ from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.geometry.arrays import Floats, Ints, readonly
 from rona_core.geometry.pose import Poses
 from rona_core.geometry.pose_covariance import point_jacobians
-from rona_core.geometry.surface.averaging_error import averaging_covariances
-from rona_core.geometry.surface.cloud import SurfaceCloud, build_cloud, merge_clouds
+from rona_core.geometry.surface.cloud import (
+    SurfaceCloud,
+    averaging_covariances,
+    build_cloud,
+    merge_clouds,
+)
 from rona_core.geometry.surface.normals.normals import NormalField
 from rona_core.session.captures import PointerCapture
 from rona_core.session.document import Session

@@ -5,8 +5,7 @@ import numpy as np
 from rona_core.devices.files.voxels.voxel_reader import grey_values, open_voxels
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Floats
-from rona_core.geometry.mesh import Mesh
-from rona_core.geometry.surface_nets import Reals, surface_nets
+from rona_core.geometry.mesh import Mesh, Reals, surface_nets
 from rona_core.mapping.comparison.reference_bone import ReferenceBone
 
 AROUND_MM = 25.0  # of the maps: as deep as bone is thick, and as far as a registration moves it

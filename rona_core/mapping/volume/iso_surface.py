@@ -6,7 +6,7 @@ import numpy as np
 
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, Ints, readonly
-from rona_core.geometry.surface_nets import surface_nets
+from rona_core.geometry.mesh import surface_nets
 from rona_core.mapping.volume.echo_volume import SILENCE, EchoVolume
 
 ABOVE_NOISE_DB = 6.0  # a surface in what is fainter is one of noise

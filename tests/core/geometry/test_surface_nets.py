@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rona_core.geometry.surface_nets import surface_nets
+from rona_core.geometry.mesh import surface_nets
 
 RADIUS = 8.3
 

@@ -1,21 +1,206 @@
-"""Estimation of normals with one radius: fit, predicted error and flags."""
+"""Estimation of normals with one radius: fit, predicted error and flags.
 
+Fits to the neighbourhoods of many places at once: regression planes, least squares, quadrics. A
+plane through points that lie on one side only leans with the curvature; a quadric z = a + b u + c v
++ d u^2 + e u v + f v^2 over the plane bends with it, and its slope at the place is the normal there
+(an osculating jet: Cazals and Pouget 2005, docs/references.md).
+"""
+
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from scipy.spatial import KDTree
 
-from rona_core.geometry.arrays import Floats, Ints
-from rona_core.geometry.surface.normals.neighbourhood_fits import (
-    COEFFICIENTS,
-    Neighbourhoods,
-    Planes,
-    fit_jets,
-    fit_ols,
-    fit_tls,
-    neighbourhoods,
-)
+from rona_core.geometry.arrays import Bools, Floats, Ints
+
+BATCH = 400_000  # padded neighbours handed out together
+COEFFICIENTS = 6
+TURNS = 2  # the height is measured along the plane's normal first, then along the quadric's
+GAP = 3  # rows of the cloud; a pause as short does not end a run
+LAST = np.iinfo(np.int64).max
+RANK = 1e-10  # eigenvalue of the normal equations over the largest; below it there is no quadric
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Neighbourhoods:
+    """The neighbours of b places, padded to the largest neighbourhood among them."""
+
+    rows: Ints  # (b,) which of the places
+    offsets: Floats  # (b, k, 3) neighbours minus place; zero where there is none
+    there: Bools  # (b, k)
+    cloud_rows: Ints  # (b, k) which points of the cloud they are
+
+    def runs(self) -> tuple[Ints, Bools]:
+        """Return the order (b, k) of the neighbours in the cloud, and who follows whom (b, k - 1).
+
+        A pointer that slides comes by several times; each time is a run of points that follow each
+        other in the cloud.
+        """
+        order = np.argsort(np.where(self.there, self.cloud_rows, LAST), axis=1)
+        rows, there = (np.take_along_axis(a, order, axis=1) for a in (self.cloud_rows, self.there))
+        follows = np.logical_and(np.diff(rows, axis=1) <= GAP, there[:, 1:])
+        return np.asarray(order, dtype=np.int64), np.asarray(follows)
+
+
+def neighbourhoods(tree: KDTree, places: Floats, radius_mm: float) -> Iterator[Neighbourhoods]:
+    """Yield the neighbourhoods of all ``places`` (m, 3) that have any, a batch at a time."""
+    if not tree.n or not len(places):
+        return
+    counts = np.asarray(tree.query_ball_point(places, radius_mm, return_length=True))
+    rows = np.argsort(-counts, kind="stable")[: np.count_nonzero(counts)]
+    while len(rows):  # the largest come first, so that little is padded
+        width = int(counts[rows[0]])
+        batch, rows = np.split(rows, [max(1, BATCH // width)])
+        bound_mm = float(np.nextafter(radius_mm, np.inf))  # points at the radius count
+        nearest = tree.query(places[batch], k=width, distance_upper_bound=bound_mm)[1]
+        found = np.asarray(nearest, dtype=np.int64).reshape(len(batch), width)
+        there = found < tree.n
+        offsets = tree.data[np.where(there, found, 0)] - places[batch][:, None]
+        yield Neighbourhoods(batch, np.where(there[:, :, None], offsets, 0.0), there, found)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Planes:
+    """One plane for each of b neighbourhoods."""
+
+    normals: Floats  # (b, 3) unit, sign open; zero where there is none
+    eigenvalues: Floats  # (b, 3) variances of the points, ascending, mm^2
+    centroids: Floats  # (b, 3) from the place
+
+
+def fit_tls(near: Neighbourhoods) -> Planes:
+    """Return the planes of least squared distances."""
+    return _fitted(near)[0]
+
+
+def fit_ols(near: Neighbourhoods) -> Planes:
+    """Return the paper's regression planes: Equation 2 with the largest denominator."""
+    planes, scatter = _fitted(near)
+    return Planes(_regression_normals(scatter), planes.eigenvalues, planes.centroids)
+
+
+def _fitted(near: Neighbourhoods) -> tuple[Planes, Floats]:
+    """Return the planes by total least squares, and the scatter matrices (b, 3, 3)."""
+    weights = near.there.astype(np.float64)
+    count = np.maximum(weights.sum(axis=1), 1.0)
+    centroids = np.einsum("bk,bki->bi", weights, near.offsets) / count[:, None]
+    centred = (near.offsets - centroids[:, None]) * weights[:, :, None]
+    scatter = centred.transpose(0, 2, 1) @ centred / count[:, None, None]
+    eigenvalues, axes = np.linalg.eigh(scatter)
+    return Planes(axes[:, :, 0], np.maximum(eigenvalues, 0.0), centroids), scatter
+
+
+def _regression_normals(scatter: Floats) -> Floats:
+    """Return the paper's normals (b, 3) by Equation 2, up to sign; zero where there is no plane.
+
+    With a = 1 the normal is (Syz^2 - Szz Syy, Szz Sxy - Syz Sxz, Sxz Syy - Syz Sxy); b = 1 and
+    c = 1 follow by exchanging the letters. The element set to 1 holds its denominator.
+    """
+    xx, yy, zz = scatter[:, 0, 0], scatter[:, 1, 1], scatter[:, 2, 2]
+    xy, xz, yz = scatter[:, 0, 1], scatter[:, 0, 2], scatter[:, 1, 2]
+    variants = np.stack(
+        (
+            np.stack((yz**2 - zz * yy, zz * xy - yz * xz, xz * yy - yz * xy), axis=1),
+            np.stack((zz * xy - xz * yz, xz**2 - zz * xx, yz * xx - xz * xy), axis=1),
+            np.stack((xz * yy - xy * yz, yz * xx - xy * xz, xy**2 - yy * xx), axis=1),
+        ),
+        axis=1,
+    )
+    denominators = np.abs(np.einsum("mii->mi", variants))
+    chosen = variants[np.arange(len(scatter)), denominators.argmax(axis=1)]
+    lengths = np.linalg.norm(chosen, axis=1)[:, None]
+    return np.divide(chosen, lengths, out=np.zeros_like(chosen), where=lengths > 0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Jets:
+    """One quadric for each of b neighbourhoods."""
+
+    normals: Floats  # (b, 3) unit, on the side of the planes' normals
+    noise_mm2: Floats  # (b,) variance of one point about the quadric; 0 without spare points
+    gain: Floats  # (b,) variance of the normal in rad^2 over that of one point, 1/mm^2
+    curvatures: Floats  # (b, 2) principal curvatures, 1/mm, larger size first
+    solved: Bools  # (b,) whether the points determine all coefficients
+    alike: Floats  # (b,) points that err alike; 1: each for itself
+
+
+def fit_jets(near: Neighbourhoods, normals: Floats, radius_mm: float) -> Jets:
+    """Return the quadrics over planes with ``normals`` (b, 3), each taken at its place.
+
+    Lengths along the plane are scaled by ``radius_mm`` so that the equations are well balanced.
+    """
+    weights = near.there[:, :, None].astype(np.float64)
+    spare = np.maximum(near.there.sum(axis=1) - COEFFICIENTS, 0)
+    gain = noise = np.zeros(len(normals))
+    residuals = np.zeros(near.there.shape)
+    solved: Bools = np.zeros(len(normals), dtype=bool)
+    curvatures = np.zeros((len(normals), 2))
+    for _ in range(TURNS):
+        frames = _frames(normals)
+        u, v, z = np.moveaxis(near.offsets @ frames.transpose(0, 2, 1), 2, 0)
+        u, v = u / radius_mm, v / radius_mm
+        design = np.stack((np.ones_like(u), u, v, u * u, u * v, v * v), axis=2) * weights
+        squares = design.transpose(0, 2, 1) @ design
+        sizes, axes = np.linalg.eigh(squares)
+        solid = sizes > RANK * sizes[:, -1:]
+        inverse = (axes * np.where(solid, 1.0 / np.where(solid, sizes, 1.0), 0.0)[:, None]) @ (
+            axes.transpose(0, 2, 1)
+        )
+        c = (inverse @ (design.transpose(0, 2, 1) @ z[:, :, None]))[:, :, 0]
+        residuals = z * weights[:, :, 0] - (design @ c[:, :, None])[:, :, 0]
+        noise = np.where(spare > 0, (residuals**2).sum(axis=1) / np.maximum(spare, 1), 0.0)
+        slopes = c[:, 1:3] / radius_mm
+        flat = 1.0 + (slopes**2).sum(axis=1)
+        gain = (inverse[:, 1, 1] + inverse[:, 2, 2]) / radius_mm**2 / flat
+        solved = np.asarray(solid.all(axis=1))
+        curvatures = _curvatures(c[:, 3:] / radius_mm**2)
+        local = np.column_stack((-slopes, np.ones(len(c)))) / np.sqrt(flat)[:, None]
+        normals = np.einsum("bi,bij->bj", local, frames)
+    return Jets(normals, noise, gain, curvatures, solved, _alike(near, residuals))
+
+
+def _alike(near: Neighbourhoods, residuals: Floats) -> Floats:
+    """Return how many points (b,) err alike, by residuals (b, k) of those that follow each other.
+
+    A head that breathes, or the field of a tracker, lifts a whole run of points. Their residuals
+    are as alike as their correlation over all neighbourhoods says.
+    """
+    order, follows = near.runs()
+    in_order = np.take_along_axis(residuals, order, axis=1)
+    first, second = (
+        np.where(follows, in_order[:, :-1], 0.0),
+        np.where(follows, in_order[:, 1:], 0.0),
+    )
+    squares = float((first**2 + second**2).sum()) / 2.0
+    correlation = max(float((first * second).sum()) / squares, 0.0) if squares > 0.0 else 0.0
+    b, k = near.there.shape
+    run = np.column_stack((np.zeros(b, dtype=np.int64), np.cumsum(~follows, axis=1)))
+    rows, columns = np.nonzero(np.arange(k) < near.there.sum(axis=1)[:, None])
+    sizes = np.bincount(rows * k + run[rows, columns], minlength=b * k).reshape(b, k)
+    # of the run that a point is in, averaged over points: it is what their mean scatters by
+    size = (sizes**2).sum(axis=1) / np.maximum(sizes.sum(axis=1), 1)
+    return 1.0 + (np.maximum(size, 1.0) - 1.0) * correlation
+
+
+def _frames(normals: Floats) -> Floats:
+    """Return right-handed frames (b, 3, 3) as rows, the last one along each normal."""
+    helper = np.eye(3)[np.abs(normals).argmin(axis=1)]
+    x: Floats = np.cross(helper, normals)
+    x /= np.linalg.norm(x, axis=1)[:, None]
+    y: Floats = np.cross(normals, x)
+    return np.stack((x, y, normals), axis=1)
+
+
+def _curvatures(second: Floats) -> Floats:
+    """Return the eigenvalues (b, 2) of the second derivatives (d, e, f), larger size first."""
+    d, e, f = second.T
+    mean, split = d + f, np.hypot(d - f, e)
+    both = np.stack((mean + split, mean - split), axis=1)
+    order = np.argsort(-np.abs(both), axis=1)
+    return np.take_along_axis(both, order, axis=1)
+
 
 NormalMethod = Literal["jet", "ols"]
 METHODS: tuple[NormalMethod, ...] = ("jet", "ols")

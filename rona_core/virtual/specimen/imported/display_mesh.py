@@ -5,9 +5,8 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 from scipy.spatial import KDTree
 
 from rona_core.geometry.arrays import Floats, Ints
-from rona_core.geometry.mesh import Mesh
+from rona_core.geometry.mesh import Mesh, surface_nets
 from rona_core.geometry.surface.raycast import MeshRaycaster
-from rona_core.geometry.surface_nets import surface_nets
 from rona_core.virtual.specimen.imported.region_choice import CoarseBone
 
 MOST_FACES = 30_000

@@ -9,8 +9,8 @@ from rona_core.devices.files.voxels.refusals import refused
 from rona_core.devices.files.voxels.voxel_layers import Voxels
 from rona_core.devices.files.voxels.voxel_reader import grey_values, open_voxels
 from rona_core.geometry.arrays import Bools, Floats, Ints
+from rona_core.geometry.mesh import Reals
 from rona_core.geometry.pose import Pose
-from rona_core.geometry.surface_nets import Reals
 from rona_core.virtual.specimen.imported.upright_frame import upright_frame
 
 LEAST_BONE_MM3 = 5000.0

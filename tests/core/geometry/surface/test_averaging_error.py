@@ -2,8 +2,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from rona_core.geometry.surface.averaging_error import averaging_covariances, frame_covariance
-from rona_core.geometry.surface.cloud import build_cloud, merge_clouds
+from rona_core.geometry.surface.cloud import (
+    averaging_covariances,
+    build_cloud,
+    frame_covariance,
+    merge_clouds,
+)
 from tests.helpers.strategies import random_pose, seeds
 
 AVERAGE_S, FRAMES = 0.1, 7

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rona_core.geometry.surface.normals.neighbourhood_fits import (
+from rona_core.geometry.surface.normals.normal_estimator import (
     Neighbourhoods,
     fit_jets,
     fit_ols,

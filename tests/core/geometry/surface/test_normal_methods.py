@@ -6,8 +6,13 @@ from hypothesis import given, settings
 from scipy.spatial import KDTree
 
 from rona_core.errors import InvalidInputError
-from rona_core.geometry.surface.normals.neighbourhood_radius import choose_radius
-from rona_core.geometry.surface.normals.normals import FLAGS, REASONS, NormalField, thin_places
+from rona_core.geometry.surface.normals.normals import (
+    FLAGS,
+    REASONS,
+    NormalField,
+    choose_radius,
+    thin_places,
+)
 from tests.core.geometry.surface.test_normals import angles_deg
 from tests.helpers.strategies import cap, random_rotation, seeds
 

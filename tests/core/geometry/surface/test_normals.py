@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.spatial import KDTree
 
 from rona_core.errors import InvalidInputError
-from rona_core.geometry.surface.normals import neighbourhood_fits as searching
+from rona_core.geometry.surface.normals import normal_estimator as searching
 from rona_core.geometry.surface.normals.normals import NormalField
 from tests.helpers.strategies import cap, random_pose, random_rotation, seeds, unit_vectors
 
