@@ -10,7 +10,7 @@ import numpy as np
 import rona_core
 from examples.picture import Series, chart
 from rona_core.calibration import calibrate_pointer
-from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.geometry import Poses
 
 DEMO = Path(__file__).resolve().parents[1] / "sessions" / "demo.rona"

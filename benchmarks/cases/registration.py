@@ -28,7 +28,7 @@ from rona_core.calibration.hand_eye.hand_eye import solve_hand_eye
 from rona_core.calibration.hand_eye.published_method import solve_paper
 from rona_core.calibration.handheld.pointer import calibrate_pointer
 from rona_core.calibration.surface_registration import point_surface, register_surface
-from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.errors import RonaError
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose, Poses

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rona_core.calibration.tracking_error import MarkerNoise
-from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.geometry.arrays import Floats, Ints
 from rona_core.geometry.pose import Pose, Poses
 

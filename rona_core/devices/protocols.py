@@ -4,15 +4,119 @@ A capture runs on its own clock: ``Rig.begin`` sets it to 0. A virtual clock jum
 """
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Literal, Protocol, TypedDict
 
 from numpy.typing import ArrayLike
 
-from rona_core.devices.bench import Bench
-from rona_core.devices.display import Display
-from rona_core.devices.samples import AScan, JointSample, TrackerFrame
-from rona_core.devices.settings import DeviceSettings
+from rona_core.devices.samples import AScan, AScanTrack, JointSample, TrackerFrame
+from rona_core.devices.settings import DeviceSettings, ProbeSettings
 from rona_core.devices.wrench import ForceSensor
+from rona_core.geometry.arrays import Floats, Vector3
+from rona_core.geometry.mesh import Mesh
+from rona_core.geometry.pose import Pose
+
+
+class Bench(Protocol):
+    """What is measured beside the robot, by hand."""
+
+    def measure_thickness(self, places_base: Floats, axes_base: Floats) -> tuple[Floats, float]:
+        """Measure the bone with a caliper at places (n, 3) along inward axes (n, 3).
+
+        Returns:
+            Thicknesses (n,) and the standard deviation of the caliper, in mm.
+
+        Raises:
+            DeviceError: there is nothing to grip, or no caliper.
+        """
+        ...
+
+    def record_reference_block(
+        self, settings: ProbeSettings, temperature_c: float, n: int
+    ) -> AScanTrack:
+        """Hold the probe on a flat block of steel and fire ``n`` times, its line this warm."""
+        ...
+
+    def taught_landmarks(self) -> tuple[tuple[str, ...], Floats]:
+        """Return the landmarks near the head that the robot's tip has touched.
+
+        Returns:
+            Their names (n), and the joint angles (n, 6) that the robot's controller kept when its
+            tip, led by hand, sat in each.
+
+        Raises:
+            DeviceError: the robot reaches too few of them where it stands.
+        """
+        ...
+
+    def record_gauge_plate(
+        self, settings: ProbeSettings, depth_mm: float, n: int
+    ) -> tuple[AScanTrack, float]:
+        """Press a gauge plate at the robot's holder onto its probe and fire ``n`` times.
+
+        Args:
+            settings: Of the probe.
+            depth_mm: By which the plate presses the line in, where the probe sits at its place.
+            n: A-scans.
+
+        Returns:
+            The A-scans, and the standard deviation of the depth in mm that the maker states.
+        """
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DrawnHead:
+    """A head for the eye: the true calvaria, and beneath it a face that is no person's."""
+
+    calvaria: Mesh  # the part of the outer surface above brow, ear canal and inion
+    face: Mesh  # from a template
+    shades: Floats  # (n,) 0 to 1: how much light reaches each vertex of the face
+    sutures: Floats  # (k, 2, 3) segments on the calvaria
+
+
+class Display(Protocol):
+    """What is drawn for the eye, never an input of an algorithm."""
+
+    def skull_mesh_base(self) -> Mesh:
+        """Return the outer surface of the specimen in ``base``."""
+        ...
+
+    def drawn_head_base(self) -> DrawnHead | None:
+        """Return the head in ``base``; None where the surface of the specimen shows its own."""
+        ...
+
+    def pick(self, origin_base: ArrayLike, direction_base: ArrayLike) -> Vector3 | None:
+        """Return where a ray of sight meets the drawn skull (3,), or None if it misses."""
+        ...
+
+    def point_mesh(self, point_base: ArrayLike) -> Vector3:
+        """Return a place of ``base`` (3,) in ``mesh``, in which the region is chosen."""
+        ...
+
+    def region(self) -> tuple[Vector3, Vector3, float]:
+        """Return centre (3,), outward normal (3,) in ``base`` and radius in mm of the region."""
+        ...
+
+    def head_axes_base(self) -> Floats | None:
+        """Return right, front and top of the head as unit columns (3, 3) in ``base``.
+
+        None where the source of the skull does not say which way is which.
+        """
+        ...
+
+    def T_base_tracker(self) -> Pose:  # noqa: N802 (frame grammar)
+        """Return where the tracker stands, to draw it and its volume."""
+        ...
+
+    def T_base_basemarker(self) -> Pose | None:  # noqa: N802 (frame grammar)
+        """Return where the marker on the robot base is, to draw it; None if there is none."""
+        ...
+
+    def T_base_pointermarker(self) -> Pose | None:  # noqa: N802 (frame grammar)
+        """Return where the pointer is now, to draw it; None while it lies aside."""
+        ...
+
 
 Origin = Literal["VIRTUAL", "REPLAY", "REAL"]
 Cancel = Callable[[], bool]  # True once Cancel or Stop was pressed

@@ -11,9 +11,9 @@ from itertools import combinations
 
 import numpy as np
 
-from rona_core.devices.marker_geometry import GEOMETRIES, MarkerGeometry
 from rona_core.devices.samples import ToolTrack
 from rona_core.devices.settings import TrackerSettings
+from rona_core.devices.trackers import GEOMETRIES, MarkerGeometry
 from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.virtual.scene import VirtualScene

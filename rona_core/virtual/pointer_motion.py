@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.geometry.arrays import Floats, Vector3, readonly
 from rona_core.geometry.pose import Pose, Poses
 

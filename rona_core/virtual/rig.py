@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.devices.display import DrawnHead
-from rona_core.devices.protocols import Origin
+from rona_core.devices.protocols import DrawnHead, Origin
 from rona_core.devices.settings import DeviceSettings
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Vector3, as_vector3

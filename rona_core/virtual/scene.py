@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.settings import (
     FIRST_PLACE,
     SONO,
@@ -13,6 +12,7 @@ from rona_core.devices.settings import (
     RobotSettings,
     TrackerPlace,
 )
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.geometry.arrays import Floats, Ints, Vector3, readonly
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.virtual.noise import rng

@@ -3,8 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from rona_core.devices.display import DrawnHead
-from rona_core.devices.protocols import Rig
+from rona_core.devices.protocols import DrawnHead, Rig
 from rona_core.geometry.arrays import Floats, Vector3
 from rona_core.geometry.mesh import Mesh
 from rona_core.geometry.pose import Pose

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import KDTree
 
-from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.settings import SONO
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose
 from rona_core.session.memo import Memo

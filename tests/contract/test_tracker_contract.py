@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from rona_core.devices.files.poses.igs_mha import read_igs_mha, write_igs_mha
-from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.recording import Recording, ReplayTracker
 from rona_core.devices.samples import WITH_POSE, ToolStatus
 from rona_core.devices.settings import TOOLS, TrackerSettings
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.errors import DeviceError
 from rona_core.geometry.pose import Pose
 from rona_core.virtual.clock import CaptureClock

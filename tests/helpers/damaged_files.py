@@ -15,7 +15,7 @@ from rona_core.devices.files.poses.igs_mha import read_igs_mha
 from rona_core.devices.files.poses.pivot_recordings import read_pivot
 from rona_core.devices.files.rf.rf_data import read_rf
 from rona_core.devices.files.text_tables import NamedFile
-from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.session.files import session_from_bytes
 from rona_core.virtual.specimen.imported.mesh_reader import read_mesh
 from rona_core.virtual.specimen.imported.volume_reader import read_volume

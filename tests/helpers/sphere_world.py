@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import trimesh
 
-from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.geometry.mesh import Mesh
 from rona_core.geometry.pose import Poses
 from rona_core.virtual.specimen.simulated.simulated_skull import cube_sphere

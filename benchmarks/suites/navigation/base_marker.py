@@ -13,9 +13,8 @@ from rona_core.calibration.hand_eye.base_marker import (
     update_registration,
 )
 from rona_core.calibration.tracker_field import TrackerErrorField
-from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.settings import TrackerPlace, TrackerProfile, TrackerSettings
-from rona_core.devices.tracker_volumes import FIELD_MM
+from rona_core.devices.trackers import FIELD_MM, GEOMETRIES
 from rona_core.geometry.pose import Pose
 from rona_core.virtual.scene import (
     BASE_MARKER,

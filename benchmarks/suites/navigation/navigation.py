@@ -17,7 +17,7 @@ from rona_core.app.declarations.figures import limit_of
 from rona_core.calibration.hand_eye.tool_registration import register_tool
 from rona_core.calibration.handheld.pointer import calibrate_pointer
 from rona_core.calibration.pivot.pivot_calibration import PivotMethod
-from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.geometry.rigid_fit import register_points

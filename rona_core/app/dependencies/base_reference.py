@@ -23,7 +23,7 @@ from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.calibration.tracker_field import TrackerErrorField
 from rona_core.devices.samples import ToolTrack
 from rona_core.devices.settings import TrackerPlace, TrackerSettings
-from rona_core.devices.tracker_volumes import FIELD_MM
+from rona_core.devices.trackers import FIELD_MM
 from rona_core.errors import RonaError, StaleResultError
 from rona_core.geometry.arrays import Floats, as_points
 from rona_core.geometry.pose import Pose, Poses

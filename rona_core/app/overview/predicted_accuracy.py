@@ -22,7 +22,7 @@ from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.calibration.handheld.pointer import PointerCalibration
 from rona_core.calibration.landmark_check import LandmarkCheck
 from rona_core.calibration.tracking_error import MarkerNoise
-from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.geometry.arrays import Floats, Ints, readonly
 from rona_core.geometry.pose import Poses
 from rona_core.geometry.pose_covariance import point_jacobians

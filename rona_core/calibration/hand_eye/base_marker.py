@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rona_core.calibration.tracker_field import TrackerErrorField
-from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.arrays import Floats, as_points, readonly
 from rona_core.geometry.pose import Pose, Poses

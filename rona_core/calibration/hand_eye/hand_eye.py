@@ -32,7 +32,7 @@ from rona_core.calibration.hand_eye.robust_weights import (
     spectrum,
 )
 from rona_core.calibration.tracking_error import MarkerNoise
-from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, as_points, readonly
 from rona_core.geometry.pose import Pose, Poses

@@ -9,7 +9,7 @@ from rona_core.calibration.hand_eye.head_motion import HeadMotion
 from rona_core.calibration.timing.robot_latency import BREATH_MM
 from rona_core.devices.robots import ROBOTS
 from rona_core.devices.settings import TrackerProfile
-from rona_core.devices.tracker_volumes import ACCURACY_MM
+from rona_core.devices.trackers import ACCURACY_MM
 from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.mapping.accuracy.error_terms import ErrorTerm
 from rona_core.mapping.boundary_map import BoundaryMap, Maps

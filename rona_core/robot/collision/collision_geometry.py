@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import ConvexHull, QhullError
 
-from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.robot.collision.solids import Solid, force_sensor

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.geometry.arrays import Floats, as_vector3
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.robot.kinematics.arm import Arm, IkSolutions, as_posture, wrapped

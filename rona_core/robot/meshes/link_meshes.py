@@ -9,7 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.mesh import Mesh
 from rona_core.robot.collision.solids import (

@@ -5,7 +5,7 @@ from typing import Protocol
 
 from numpy.typing import ArrayLike
 
-from rona_core.devices.display import DrawnHead
+from rona_core.devices.protocols import DrawnHead
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, Vector3, as_points, as_unit_vectors
 from rona_core.geometry.mesh import Mesh

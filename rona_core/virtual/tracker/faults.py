@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.devices.marker_geometry import MarkerGeometry
 from rona_core.devices.settings import TrackerSettings
+from rona_core.devices.trackers import MarkerGeometry
 from rona_core.geometry.arrays import Floats, Ints
 from rona_core.virtual.noise import rng
 

@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.samples import ToolSample, TrackerFrame
 from rona_core.devices.settings import TOOLS, TrackerSettings
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.errors import DeviceError, NotFoundError
 from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.geometry.pose import Pose, Poses

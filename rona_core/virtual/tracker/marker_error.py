@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rona_core.devices.settings import TrackerProfile, TrackerSettings
-from rona_core.devices.tracker_volumes import SILO, VOLUMES, Volume
+from rona_core.devices.trackers import SILO, VOLUMES, Volume
 from rona_core.geometry.arrays import Bools, Floats, readonly
 from rona_core.virtual.noise import rng
 from rona_core.virtual.tracker.stereo_geometry import Moments, moments_of, volume_grid

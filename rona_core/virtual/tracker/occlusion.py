@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 
-from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.geometry.arrays import Bools, Floats, dots, readonly
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.geometry.surface.raycast import MeshRaycaster

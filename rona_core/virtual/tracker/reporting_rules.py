@@ -9,8 +9,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from rona_core.devices.marker_geometry import MarkerGeometry
 from rona_core.devices.samples import ToolColumn, ToolStatus
+from rona_core.devices.trackers import MarkerGeometry
 from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.geometry.pose import Poses
 from rona_core.geometry.rigid_fit import ManyFits, fit_line_many, fit_rigid_many

@@ -14,7 +14,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from rona_core.devices.tracker_volumes import Volume
+from rona_core.devices.trackers import Volume
 from rona_core.geometry.arrays import Floats, readonly
 
 GRID = 48  # nodes a side of the grid that integrates over a volume

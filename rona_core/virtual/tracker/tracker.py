@@ -11,10 +11,10 @@ from typing import Protocol
 
 import numpy as np
 
-from rona_core.devices.marker_geometry import GEOMETRIES, MarkerGeometry
 from rona_core.devices.protocols import Clock
 from rona_core.devices.samples import LateSamples, ToolColumn, TrackerFrame
 from rona_core.devices.settings import TOOLS, TrackerSettings
+from rona_core.devices.trackers import GEOMETRIES, MarkerGeometry
 from rona_core.errors import DeviceError
 from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.geometry.pose import Poses

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rona_core.devices.tracker_volumes import VOLUMES
+from rona_core.devices.trackers import VOLUMES
 from rona_core.geometry.arrays import Vector3
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_ui.presentation.shown import shown_joints

@@ -4,8 +4,8 @@ from typing import Literal
 
 import numpy as np
 
-from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.samples import WITH_POSE, TrackerFrame
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.geometry.arrays import Floats, Vector3
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_ui.presentation.colors import GREEN, VERMILLION, Rgb

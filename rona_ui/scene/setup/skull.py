@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import KDTree
 
-from rona_core.devices.display import DrawnHead
+from rona_core.devices.protocols import DrawnHead
 from rona_core.geometry.mesh import Mesh
 from rona_ui.presentation.colors import BONE, BONE_RIM, SUTURE
 from rona_ui.presentation.shown import opens_window

@@ -4,8 +4,7 @@ import numpy as np
 import trimesh
 from trimesh.transformations import translation_matrix
 
-from rona_core.devices.marker_geometry import GEOMETRIES
-from rona_core.devices.tracker_volumes import VOLUMES, Volume
+from rona_core.devices.trackers import GEOMETRIES, VOLUMES, Volume
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.mesh import Mesh
 from rona_core.geometry.pose import Pose

@@ -8,7 +8,7 @@ from rona_core.calibration.error_propagation import (
     predict_map_error,
 )
 from rona_core.calibration.tracking_error import EVEN, MarkerNoise
-from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.frame_graph import FrameEdge, FrameGraph
 from rona_core.geometry.pose import Pose, Poses

@@ -21,7 +21,7 @@ from rona_core.calibration.tracker_field import (
     TrackerErrorField,
 )
 from rona_core.calibration.tracking_error import fit_matrices
-from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.geometry.pose_covariance import deviation_between, rotation_vectors
 from rona_core.geometry.rigid_fit import register_points

@@ -3,8 +3,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from rona_core.devices.pose_interpolation import interpolate_poses
-from rona_core.devices.samples import ToolTrack
+from rona_core.devices.samples import ToolTrack, interpolate_poses
 from rona_core.geometry.pose import Pose, Poses
 
 RATE = np.array((0.3, -0.2, 0.5))  # rad/s about one axis

@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 
 from rona_core.devices.limits import require
-from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.settings import (
     TOOLS,
     DeviceSettings,
@@ -10,6 +9,7 @@ from rona_core.devices.settings import (
     RobotSettings,
     TrackerSettings,
 )
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.errors import InvalidInputError
 
 

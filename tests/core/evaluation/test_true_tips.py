@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.samples import ToolTrack
 from rona_core.devices.settings import DeviceSettings, TrackerSettings
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.evaluation.true_tips import true_tips_base
 from rona_core.geometry.pose import Pose
 from rona_core.virtual.clock import CaptureClock

@@ -11,7 +11,7 @@ from rona_core.app.steps.setup.messages import SetPointer, SetSeed, SetTracker
 from rona_core.app.steps.surface.messages import StartSurfaceCapture
 from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.compose import build_virtual_rig, new_workbench
-from rona_core.devices.tracker_volumes import ACCURACY_MM
+from rona_core.devices.trackers import ACCURACY_MM
 from rona_core.evaluation.navigation_metrics import tip_errors
 from rona_core.evaluation.truth import truth_of
 from rona_core.session.document import Session

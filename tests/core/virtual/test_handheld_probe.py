@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from rona_core.compose import specimen_of
-from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.settings import SONO, TOOLS, DeviceSettings
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.errors import InvalidInputError
 from rona_core.session.document import Setup
 from rona_core.virtual.operator.hand_trajectories import MOST_TILT_RAD, PLAY_MM, PRESSED_MM

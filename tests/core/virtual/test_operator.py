@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.settings import DeviceSettings, TrackerSettings
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.pose import Pose
 from rona_core.virtual.operator.hand_trajectories import (

@@ -4,9 +4,9 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.protocols import Rig
 from rona_core.devices.settings import DeviceSettings, RobotSettings, TrackerSettings
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.errors import DeviceError, InvalidInputError
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.session.document import RegionChoice, Setup

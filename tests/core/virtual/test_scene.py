@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.settings import DeviceSettings, RobotSettings
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.geometry.pose import Pose
 from rona_core.virtual.scene import REGION_CENTER, REGION_NORMAL, VirtualScene, base_displacement
 from rona_core.virtual.tracker.marker_error import in_volume

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from rona_core.devices.live import LiveState
-from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
 from rona_ui.presentation.snapshot import Snapshot

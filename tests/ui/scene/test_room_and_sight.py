@@ -11,7 +11,7 @@ from rona_core.app.dependencies.step_states import step_states
 from rona_core.devices.live import LiveState
 from rona_core.devices.samples import ToolSample, TrackerFrame
 from rona_core.devices.settings import DeviceSettings
-from rona_core.devices.tracker_volumes import VOLUMES
+from rona_core.devices.trackers import VOLUMES
 from rona_core.geometry.pose import Pose
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import Session

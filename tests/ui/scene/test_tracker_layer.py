@@ -8,7 +8,7 @@ import pytest
 from rona_core.app.dependencies.step_states import step_states
 from rona_core.devices.live import LiveState
 from rona_core.devices.settings import TrackerSettings
-from rona_core.devices.tracker_volumes import SILO, VOLUMES
+from rona_core.devices.trackers import SILO, VOLUMES
 from rona_core.geometry.mesh import Mesh
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session

@@ -8,9 +8,9 @@ from rona_core.app.steps.handheld.messages import CalibrateHandheldProbe, StartH
 from rona_core.app.steps.handheld.places import hand_reference
 from rona_core.app.steps.maps.derivation import Survey, detect_survey
 from rona_core.calibration.handheld.tracked_probe import SonoCalibration, calibrate_sono
-from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.devices.settings import SONO
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.pose import Poses
 from rona_core.mapping.build_maps import LocatedDetection, build_maps

@@ -7,7 +7,7 @@ from rona_core.app.steps.acoustics.inputs import HELD_PROBE, KNOWN_SPEED
 from rona_core.app.steps.handheld.places import delay_of, hand_poses, posed_scans
 from rona_core.app.steps.setup.inputs import CHOOSE_REFERENCE, HAND_PROBE, TRACKER_PROFILE
 from rona_core.calibration.handheld.tracked_probe import SonoCalibration
-from rona_core.devices.pose_interpolation import InterpolatedPoses
+from rona_core.devices.samples import InterpolatedPoses
 from rona_core.devices.settings import ProbeSettings
 from rona_core.geometry.pose import Poses
 from rona_core.geometry.surface.cloud import SurfaceCloud

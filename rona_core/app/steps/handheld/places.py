@@ -7,7 +7,7 @@ from rona_core.calibration.hand_eye.base_marker import MIN_FRAMES, mean_base
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.calibration.handheld.tracked_probe import SonoCalibration
 from rona_core.calibration.timing.time_offset import tracker_delay_s
-from rona_core.devices.pose_interpolation import InterpolatedPoses, interpolate_poses
+from rona_core.devices.samples import InterpolatedPoses, interpolate_poses
 from rona_core.devices.settings import LATENCY_MS, TrackerProfile
 from rona_core.errors import RonaError, StepBlockedError
 from rona_core.geometry.pose import Pose, Poses

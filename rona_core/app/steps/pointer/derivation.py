@@ -6,7 +6,7 @@ from rona_core.app.steps.pointer.pivot_report import calibrate_imported
 from rona_core.app.steps.pointer.tracker_field import with_tracker_field
 from rona_core.app.steps.tool.derivation import excluded_mask
 from rona_core.calibration.handheld.pointer import PointerCalibration, calibrate_pointer
-from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.session.captures import is_imported
 
 

@@ -22,7 +22,7 @@ from rona_core.calibration.pivot.pose_convention import require_convention
 from rona_core.calibration.tracking_error import MarkerNoise
 from rona_core.devices.files.poses.pivot_recordings import RecordedPivot, read_pivot
 from rona_core.devices.files.text_tables import NamedFile
-from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Poses

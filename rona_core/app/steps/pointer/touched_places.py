@@ -16,7 +16,7 @@ from rona_core.calibration.handheld.pointer import PointerCalibration
 from rona_core.calibration.pivot.tip_sensitivity import tip_sensitivity
 from rona_core.calibration.tracker_field import LearnedField, TrackerErrorField
 from rona_core.calibration.tracking_error import fit_matrices
-from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.geometry.pose import Poses
 from rona_core.geometry.pose_covariance import cross_matrices, point_jacobians

@@ -11,7 +11,7 @@ from rona_core.calibration.pivot.tip_sensitivity import (
     tip_sensitivity,
 )
 from rona_core.calibration.tracker_field import LearnedField, TrackerErrorField
-from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.geometry.arrays import readonly
 from rona_core.session.captures import PointerCapture
 from rona_core.session.memo import remember

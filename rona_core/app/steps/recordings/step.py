@@ -16,12 +16,12 @@ from rona_core.app.steps.surface.messages import BuildSurface, StartSurfaceCaptu
 from rona_core.calibration.pivot.pose_convention import require_stroke_convention
 from rona_core.devices.files.poses.igs_mha import read_igs_mha
 from rona_core.devices.files.poses.pivot_recordings import chosen_tool, read_pivot
-from rona_core.devices.files.poses.pose_matrices import require_millimetres
+from rona_core.devices.files.poses.pose_tables import require_millimetres
 from rona_core.devices.files.size_limits import read_file
 from rona_core.devices.files.text_tables import NamedFile
-from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.recording import Recording, ReplayTracker
 from rona_core.devices.samples import ToolTrack, TrackerFrame
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.errors import DeviceError, InvalidInputError, NotFoundError
 from rona_core.geometry.pose import Poses
 from rona_core.session.captures import PointerCapture, imported_digest

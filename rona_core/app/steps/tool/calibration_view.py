@@ -10,7 +10,7 @@ from rona_core.app.dependencies.inputs import required
 from rona_core.app.steps.tool.derivation import tool_poses
 from rona_core.app.steps.tool.inputs import TOOL_CAPTURE
 from rona_core.calibration.pivot.pose_coverage import NextPose, next_best_pose, swing_coverage
-from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.errors import DegenerateGeometryError, RonaError
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.geometry.pose import Poses

@@ -9,17 +9,19 @@ import numpy as np
 
 from rona_core.devices.files.ndi_rom import rom_positions
 from rona_core.devices.files.poses.igs_mha import read_igs_mha
-from rona_core.devices.files.poses.marker_body_fit import (
+from rona_core.devices.files.poses.marker_positions import (
     MarkerGeometryFile,
     checked_geometry,
     fit_frames,
+    read_geometry_table,
+    read_marker_frames,
 )
-from rona_core.devices.files.poses.marker_positions import read_geometry_table, read_marker_frames
-from rona_core.devices.files.poses.pose_matrices import poses_from_matrices, require_millimetres
 from rona_core.devices.files.poses.pose_tables import (
     EXPECTED,
     is_pose_table,
+    poses_from_matrices,
     read_pose_rows,
+    require_millimetres,
     seen_poses,
 )
 from rona_core.devices.files.size_limits import open_zip, read_member

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import KDTree
 
-from rona_core.devices.display import DrawnHead
+from rona_core.devices.protocols import DrawnHead
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.geometry.mesh import Mesh
 from rona_core.virtual.specimen.boundaries import Region

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.devices.display import DrawnHead
+from rona_core.devices.protocols import DrawnHead
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, Ints, as_points, as_vector3, readonly
 from rona_core.geometry.mesh import Mesh

@@ -28,7 +28,7 @@ from rona_core.app.steps.handheld.messages import (
 )
 from rona_core.app.steps.maps.accuracy import HAND_TERMS, map_accuracy
 from rona_core.compose import new_workbench
-from rona_core.devices.tracker_volumes import ACCURACY_MM
+from rona_core.devices.trackers import ACCURACY_MM
 from rona_core.errors import InvalidInputError, StepBlockedError
 from rona_core.session.codec import digest
 from rona_core.session.document import Session

@@ -15,9 +15,8 @@ from rona_core.calibration.hand_eye.base_marker import (
     update_registration,
 )
 from rona_core.calibration.tracker_field import TrackerErrorField
-from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.settings import DeviceSettings, TrackerPlace, TrackerSettings
-from rona_core.devices.tracker_volumes import FIELD_MM
+from rona_core.devices.trackers import FIELD_MM, GEOMETRIES
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.geometry.pose_covariance import deviate

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from rona_core.calibration.handheld.pointer import calibrate_pointer as calibrate
 from rona_core.calibration.tracking_error import EVEN
-from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.pose import Poses
 from tests.helpers.strategies import noisy, pivot_poses, random_pose, seeds

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rona_core.devices.files.ndi_rom import SIZE, checksum, rom_positions
-from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.errors import InvalidInputError
 from tests.helpers.rom_files import ToolFile, rom_bytes, tool_file_of
 

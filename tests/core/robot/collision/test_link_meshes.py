@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.robots import ROBOTS
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.errors import InvalidInputError
 from rona_core.robot.collision.solids import ball, rod, slab, turned
 from rona_core.robot.kinematics.catalog import robot_model

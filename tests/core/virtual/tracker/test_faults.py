@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.settings import TOOLS, TrackerSettings
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.geometry.pose import Pose
 from rona_core.virtual.clock import CaptureClock
 from rona_core.virtual.tracker.faults import drift_mm, dropped, minutes_on, swapped_markers

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.robots import ROBOTS
 from rona_core.devices.settings import DeviceSettings, TrackerSettings
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.meshes.link_meshes import link_shapes

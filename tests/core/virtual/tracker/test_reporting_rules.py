@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rona_core.devices.marker_geometry import GEOMETRIES, MarkerGeometry
 from rona_core.devices.samples import WITH_POSE
+from rona_core.devices.trackers import GEOMETRIES, MarkerGeometry
 from rona_core.geometry.pose import Pose
 from rona_core.virtual.tracker.reporting_rules import MAX_3D_ERROR_MM, report_tool
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rona_core.devices.settings import TrackerSettings
-from rona_core.devices.tracker_volumes import PYRAMID, SILO, VOLUMES
+from rona_core.devices.trackers import PYRAMID, SILO, VOLUMES
 from rona_core.virtual.tracker.marker_error import SPECS, marker_error, sample_volume
 from rona_core.virtual.tracker.stereo_geometry import moments_of, volume_grid
 
@@ -151,7 +151,7 @@ def test_the_pyramid_has_the_sizes_that_its_maker_states():
 
 
 def test_moments_of_a_thin_slice_are_those_of_its_depth():
-    from rona_core.devices.tracker_volumes import Pyramid
+    from rona_core.devices.trackers import Pyramid
 
     slice_ = Pyramid(1999.0, 2001.0, (100.0, 100.0), (100.0, 100.0))
     moments = moments_of(slice_)

@@ -4,8 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from rona_core.devices.marker_geometry import GEOMETRIES
 from rona_core.devices.settings import TOOLS, TrackerSettings
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.errors import DeviceError
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.geometry.rigid_fit import register_points

@@ -13,7 +13,7 @@ from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.calibration.handheld.pointer import PointerCalibration
 from rona_core.calibration.landmark_check import LandmarkCheck, require_enough
 from rona_core.calibration.tracking_error import MarkerNoise
-from rona_core.devices.marker_geometry import GEOMETRIES
+from rona_core.devices.trackers import GEOMETRIES
 from rona_core.errors import StepBlockedError
 from rona_core.geometry.arrays import Floats, Ints, readonly
 from rona_core.geometry.pose import Poses
