@@ -25,7 +25,7 @@ from benchmarks.metric import Metric, Progress, cpu_ms
 from benchmarks.reference.paired_point_registration import register_fiducials
 from rona_core.calibration.error_propagation import MapSetup, predict_map_error
 from rona_core.calibration.hand_eye.hand_eye import solve_hand_eye
-from rona_core.calibration.hand_eye.published_method import solve_paper
+from rona_core.calibration.hand_eye.tool_registration import solve_paper
 from rona_core.calibration.handheld.pointer import calibrate_pointer
 from rona_core.calibration.surface_registration import point_surface, register_surface
 from rona_core.devices.trackers import GEOMETRIES

@@ -7,12 +7,12 @@ that what is measured is what the move alone costs, at a place on the head.
 import numpy as np
 
 from benchmarks.metric import Metric, Progress
-from rona_core.calibration.hand_eye.base_marker import (
+from rona_core.calibration.hand_eye.reference_markers import (
     SeenBase,
     mean_base,
     update_registration,
 )
-from rona_core.calibration.tracker_field import TrackerErrorField
+from rona_core.calibration.tracking_error import TrackerErrorField
 from rona_core.devices.settings import TrackerPlace, TrackerProfile, TrackerSettings
 from rona_core.devices.trackers import FIELD_MM, GEOMETRIES
 from rona_core.geometry.pose import Pose

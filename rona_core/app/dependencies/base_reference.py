@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from rona_core.app.declarations.inputs import Input, Quantity
 from rona_core.app.dependencies.inputs import required, result_input
-from rona_core.calibration.hand_eye.base_marker import (
+from rona_core.calibration.hand_eye.reference_markers import (
     MIN_FRAMES,
     BaseReference,
     Movement,
@@ -20,7 +20,7 @@ from rona_core.calibration.hand_eye.base_marker import (
     update_registration,
 )
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
-from rona_core.calibration.tracker_field import TrackerErrorField
+from rona_core.calibration.tracking_error import TrackerErrorField
 from rona_core.devices.samples import ToolTrack
 from rona_core.devices.settings import TrackerPlace, TrackerSettings
 from rona_core.devices.trackers import FIELD_MM

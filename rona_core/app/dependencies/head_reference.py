@@ -6,8 +6,12 @@ from typing import Literal
 
 from rona_core.app.declarations.inputs import Input
 from rona_core.app.dependencies.base_reference import found_again, reference_of, seen_base
-from rona_core.calibration.hand_eye.base_marker import detect_tracker_movement
-from rona_core.calibration.hand_eye.head_motion import HeadMotion, head_motion, head_reference
+from rona_core.calibration.hand_eye.reference_markers import (
+    HeadMotion,
+    detect_tracker_movement,
+    head_motion,
+    head_reference,
+)
 from rona_core.errors import DegenerateGeometryError, RonaError
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose, Poses

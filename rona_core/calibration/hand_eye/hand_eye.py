@@ -6,36 +6,313 @@ Every pose takes part with its turn and its shift, weighted by what its markers 
 know (Gauss-Newton on the deviation of both unknown poses), from any motion with two axes of turn.
 Gross errors are found by least median of squares and dropped; what is left gives the size of the
 noise and the joint covariance of the two poses.
+
+Initial guess of the hand-eye poses, robust against up to a third of wrong poses. Small subsets of
+the poses are solved in closed form, and the solution with the least median error over all poses
+wins (least median of squares). The closed form for the rotations is that of Shah 2013: Q B_i = M_i
+P summed over the poses is a 9 x 9 matrix whose first singular vectors are the two rotations. With
+them, tip and tracker position are a linear least-squares problem.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
+from scipy.special import chdtri
 
-from rona_core.calibration.hand_eye.initial_guess import first_guess
 from rona_core.calibration.hand_eye.quality import require_two_axes
-from rona_core.calibration.hand_eye.residuals import (
-    Observations,
-    jacobians,
-    moved,
-    observe,
-    residuals,
-    robot_covariances,
-    tangent_at_tracker,
-)
-from rona_core.calibration.hand_eye.robust_weights import (
-    DOF,
-    GROSS,
-    sigma_by_mean,
-    sigma_by_median,
-    spectrum,
-)
-from rona_core.calibration.tracking_error import MarkerNoise
+from rona_core.calibration.tracking_error import MarkerNoise, fit_covariances
 from rona_core.devices.trackers import GEOMETRIES
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
-from rona_core.geometry.arrays import Bools, Floats, as_points, readonly
+from rona_core.geometry.arrays import Bools, Floats, Ints, as_points, readonly
 from rona_core.geometry.pose import Pose, Poses
+from rona_core.geometry.pose_covariance import cross_matrices, rotation_vectors
+
+SERIES = 1e-4  # of the angle; below it the expansion of the inverse Jacobian is exact enough
+# Random error of the robot's tool pose, variances per axis:
+TIP_VARIANCE_MM2 = 0.1**2 / 3.0  # of the tip, 0.1 mm 3D RMS
+TURN_VARIANCE_RAD2 = float(np.deg2rad(0.02)) ** 2 / 3.0  # of its rotation, 0.02 degrees RMS
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observations:
+    """Poses seen by robot and tracker, ready for the solve."""
+
+    Ts_base_tip: Poses
+    Ts_tracker_toolmarker: Poses
+    centroid_toolmarker: Floats  # (3,) of the markers
+    centroids_tracker: Floats  # (n, 3)
+    unit_covariances: Floats  # (n, 6, 6) of (turn, shift) in tracker, marker error 1 mm 3D RMS
+
+    def __len__(self) -> int:
+        return len(self.Ts_base_tip)
+
+
+def observe(
+    Ts_base_tip: Poses,
+    Ts_tracker_toolmarker: Poses,
+    positions_toolmarker: Floats,
+    noise: MarkerNoise,
+) -> Observations:
+    """Return the observations with the covariance of every pose that the tracker fits."""
+    centroid = positions_toolmarker.mean(axis=0)
+    return Observations(
+        Ts_base_tip,
+        Ts_tracker_toolmarker,
+        centroid,
+        Ts_tracker_toolmarker @ centroid,
+        fit_covariances(Ts_tracker_toolmarker.rotations, positions_toolmarker, noise),
+    )
+
+
+def residuals(observations: Observations, T_base_tracker: Pose, T_toolmarker_tip: Pose) -> Floats:
+    """Return measured minus expected marker pose (n, 6): turn, shift of the centroid in tracker."""
+    R_tracker_base = T_base_tracker.rotation.T
+    expected = R_tracker_base @ observations.Ts_base_tip.rotations @ T_toolmarker_tip.rotation.T
+    turns = rotation_vectors(
+        observations.Ts_tracker_toolmarker.rotations @ np.swapaxes(expected, 1, 2)
+    )
+    centroid_tip = T_toolmarker_tip.inv() @ observations.centroid_toolmarker
+    centroids_base = observations.Ts_base_tip @ centroid_tip
+    shifts = observations.centroids_tracker - T_base_tracker.inv() @ centroids_base
+    return np.concatenate((turns, shifts), axis=1)
+
+
+def jacobians(
+    observations: Observations,
+    T_base_tracker: Pose,
+    T_toolmarker_tip: Pose,
+    turns: Floats,
+    center_base: Floats,
+) -> Floats:
+    """Return the derivatives (n, 6, 12) of the residuals.
+
+    The columns are the deviation of ``T_base_tracker`` turned about ``center_base`` instead of the
+    tracker (which keeps the equations well conditioned), then that of ``T_toolmarker_tip``.
+    """
+    n = len(observations)
+    R_tracker_base = T_base_tracker.rotation.T
+    R_expected = R_tracker_base @ observations.Ts_base_tip.rotations @ T_toolmarker_tip.rotation.T
+    inverse = _inverse_right_jacobians(turns)
+    lever_toolmarker = observations.centroid_toolmarker - T_toolmarker_tip.translation
+    centroid_tip = T_toolmarker_tip.rotation.T @ lever_toolmarker
+    levers_base = observations.Ts_base_tip @ centroid_tip - center_base
+    J = np.zeros((n, 6, 12))
+    J[:, :3, :3] = inverse @ R_tracker_base
+    J[:, :3, 6:9] = inverse @ R_expected
+    J[:, 3:, :3] = -R_tracker_base @ cross_matrices(levers_base)
+    J[:, 3:, 3:6] = R_tracker_base
+    J[:, 3:, 6:9] = -R_expected @ cross_matrices(lever_toolmarker)
+    J[:, 3:, 9:] = R_expected
+    return J
+
+
+def moved(
+    T_base_tracker: Pose, T_toolmarker_tip: Pose, step: Floats, center_base: Floats
+) -> tuple[Pose, Pose]:
+    """Return both poses after a step (12,) in the tangent of ``jacobians``."""
+    turn = Rotation.from_rotvec(step[:3]).as_matrix()
+    R_base_tracker = turn @ T_base_tracker.rotation
+    arm = turn @ (T_base_tracker.translation - center_base)
+    turned = Rotation.from_rotvec(step[6:9]).as_matrix() @ T_toolmarker_tip.rotation
+    return (
+        Pose(R_base_tracker, center_base + arm + step[3:6]),
+        Pose(turned, T_toolmarker_tip.translation + step[9:]),
+    )
+
+
+def tangent_at_tracker(T_base_tracker: Pose, center_base: Floats) -> Floats:
+    """Return the matrix (12, 12) from the tangent of ``jacobians`` to that of pose_covariance."""
+    change = np.eye(12)
+    change[3:6, :3] = -cross_matrices(T_base_tracker.translation - center_base)
+    return change
+
+
+def robot_covariances(
+    observations: Observations, T_base_tracker: Pose, T_toolmarker_tip: Pose
+) -> Floats:
+    """Return what the robot's own error adds to the residuals: covariances (n, 6, 6)."""
+    centroid_tip = T_toolmarker_tip.inv() @ observations.centroid_toolmarker
+    levers = observations.Ts_base_tip.rotations @ centroid_tip @ T_base_tracker.rotation
+    crossed = cross_matrices(levers)
+    covariances = np.zeros((len(observations), 6, 6))
+    covariances[:, :3, :3] = TURN_VARIANCE_RAD2 * np.eye(3)
+    covariances[:, :3, 3:] = TURN_VARIANCE_RAD2 * crossed
+    covariances[:, 3:, :3] = -TURN_VARIANCE_RAD2 * crossed
+    covariances[:, 3:, 3:] = TIP_VARIANCE_MM2 * np.eye(3) - TURN_VARIANCE_RAD2 * crossed @ crossed
+    return covariances
+
+
+def _inverse_right_jacobians(turns: Floats) -> Floats:
+    """Return d Log(Exp(a) Exp(d)) / d d at d = 0 for rotation vectors a (n, 3)."""
+    crossed = cross_matrices(turns)
+    angle = np.linalg.norm(turns, axis=1)
+    safe = np.where(angle > SERIES, angle, 1.0)
+    exact = 1.0 / safe**2 - 1.0 / (2.0 * safe * np.tan(safe / 2.0))
+    factor = np.where(angle > SERIES, exact, 1.0 / 12.0)
+    return np.eye(3) + crossed / 2.0 + factor[:, None, None] * (crossed @ crossed)
+
+
+DOF = 6  # of one pose
+FLOOR_MM = 1e-6  # of the marker error
+CEILING_MM = 1e3
+MEDIAN = float(chdtri(DOF, 0.5))  # of the squared distance of a good pose
+GROSS = float(chdtri(DOF, 1e-3))  # one good pose in a thousand lies beyond
+BISECTIONS = 45
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spectrum:
+    """Squared distances of the poses as a function of the marker error sigma, 1D per component.
+
+    With marker covariance s^2 M = s^2 L L', robot covariance C and L^-1 C L'^-1 = U diag(d) U',
+    e' (s^2 M + C)^-1 e = sum z^2 / (s^2 + d) with z = U' L^-1 e.
+    """
+
+    squares: Floats  # (n, 6) z^2
+    robot: Floats  # (n, 6) d
+
+    def distances(self, sigma_mm: float) -> Floats:
+        """Return the squared distances (n,) for a marker error of ``sigma_mm``."""
+        return (self.squares / (sigma_mm**2 + self.robot)).sum(axis=1)
+
+
+def spectrum(residuals: Floats, unit_covariances: Floats, robot_covariances: Floats) -> Spectrum:
+    """Return the spectrum of residuals (n, 6) with covariances (n, 6, 6) of marker and robot."""
+    inverse = np.linalg.inv(np.linalg.cholesky(unit_covariances))
+    whitened = inverse @ robot_covariances @ np.swapaxes(inverse, 1, 2)
+    values, vectors = np.linalg.eigh((whitened + np.swapaxes(whitened, 1, 2)) / 2.0)
+    z = np.einsum("nji,njk,nk->ni", vectors, inverse, residuals)
+    return Spectrum(z**2, np.maximum(values, 0.0))
+
+
+def sigma_by_median(spectrum: Spectrum) -> float:
+    """Return the marker error that gives the median pose the distance it should have."""
+
+    def excess(sigma_mm: float) -> float:
+        return float(np.median(spectrum.distances(sigma_mm))) - MEDIAN
+
+    return _root(excess)
+
+
+def sigma_by_mean(spectrum: Spectrum, used: Bools, unknowns: int) -> float:
+    """Return the marker error with which the poses used leave what their number allows."""
+    degrees = DOF * int(used.sum()) - unknowns
+    squares, robot = spectrum.squares[used], spectrum.robot[used]
+
+    def excess(sigma_mm: float) -> float:
+        return float((squares / (sigma_mm**2 + robot)).sum()) - degrees
+
+    return _root(excess)
+
+
+def _root(excess: Callable[[float], float]) -> float:
+    """Return where a decreasing function of sigma crosses zero, within floor and ceiling."""
+    low, high = np.log(FLOOR_MM), np.log(CEILING_MM)
+    for _ in range(BISECTIONS):
+        middle = (low + high) / 2.0
+        if excess(float(np.exp(middle))) > 0.0:
+            low = middle
+        else:
+            high = middle
+    return float(np.exp(low)) if low > np.log(FLOOR_MM) else FLOOR_MM
+
+
+SUBSET = 5
+N_SUBSETS = 60
+SEED = 20070410
+LEVER_MM = 150.0  # turns an angle into a distance when poses are ranked
+RIDGE = 1e-12  # relative; keeps a subset without rotation solvable, it loses the ranking
+
+
+def first_guess(Ts_base_tip: Poses, Ts_tracker_toolmarker: Poses) -> tuple[Pose, Pose]:
+    """Return ``T_base_tracker`` and ``T_toolmarker_tip``, good to a few millimetres.
+
+    Args:
+        Ts_base_tip: Tool tip as the robot knows it, n poses.
+        Ts_tracker_toolmarker: Tool marker as the tracker sees it, the same n poses.
+    """
+    n = len(Ts_base_tip)
+    found: list[tuple[float, Pose, Pose]] = []
+    for rows in (np.arange(n)[None], _subsets(n)):
+        R_base_tracker, R_toolmarker_tip = _rotations(Ts_base_tip, Ts_tracker_toolmarker, rows)
+        tips, origins = _translations(Ts_base_tip, Ts_tracker_toolmarker, rows, R_base_tracker)
+        errors = _errors_mm(
+            Ts_base_tip, Ts_tracker_toolmarker, R_base_tracker, R_toolmarker_tip, tips, origins
+        )
+        medians = np.median(errors, axis=1)
+        i = int(np.argmin(medians))
+        T_base_tracker = Pose(R_base_tracker[i].copy(), origins[i].copy())
+        T_toolmarker_tip = Pose(R_toolmarker_tip[i].copy(), tips[i].copy())
+        found.append((float(medians[i]), T_base_tracker, T_toolmarker_tip))
+    _, T_base_tracker, T_toolmarker_tip = min(found, key=lambda one: one[0])
+    return T_base_tracker, T_toolmarker_tip
+
+
+def _subsets(n: int) -> Ints:
+    """Return rows (N_SUBSETS, SUBSET) of the poses to be solved together; the same every time."""
+    rng = np.random.default_rng(SEED)
+    return np.argsort(rng.random((N_SUBSETS, n)), axis=1)[:, : min(SUBSET, n)]
+
+
+def _rotations(
+    Ts_base_tip: Poses, Ts_tracker_toolmarker: Poses, rows: Ints
+) -> tuple[Floats, Floats]:
+    """Return tracker -> base and tip -> toolmarker (k, 3, 3) for each subset (k, m)."""
+    B, M = Ts_base_tip.rotations[rows], Ts_tracker_toolmarker.rotations[rows]
+    K = np.einsum("kmad,kmbc->kabdc", M, B).reshape(len(rows), 9, 9)
+    u, _, vt = np.linalg.svd(K)
+    Q = u[:, :, 0].reshape(-1, 3, 3)
+    P = vt[:, 0, :].reshape(-1, 3, 3)
+    sign = np.where(np.linalg.det(Q) < 0.0, -1.0, 1.0)[:, None, None]
+    return np.swapaxes(_nearest_rotations(sign * Q), 1, 2), _nearest_rotations(sign * P)
+
+
+def _nearest_rotations(matrices: Floats) -> Floats:
+    u, _, vt = np.linalg.svd(matrices)
+    u[:, :, 2] *= np.linalg.det(u @ vt)[:, None]
+    return u @ vt
+
+
+def _translations(
+    Ts_base_tip: Poses, Ts_tracker_toolmarker: Poses, rows: Ints, R_base_tracker: Floats
+) -> tuple[Floats, Floats]:
+    """Return tip in toolmarker and tracker in base (k, 3) for each subset."""
+    M, t = Ts_tracker_toolmarker.rotations[rows], Ts_tracker_toolmarker.translations[rows]
+    tips_base = Ts_base_tip.translations[rows]
+    wanted = np.einsum("kji,kmj->kmi", R_base_tracker, tips_base) - t  # = M x + origin, in tracker
+    design = M - M.mean(axis=1, keepdims=True)
+    centred = wanted - wanted.mean(axis=1, keepdims=True)
+    normal = np.einsum("kmji,kmjl->kil", design, design)
+    ridge = RIDGE * rows.shape[1] * np.eye(3)
+    right = np.einsum("kmji,kmj->ki", design, centred)
+    tips = np.linalg.solve(normal + ridge, right[..., None])[..., 0]
+    offsets = tips_base - np.einsum(
+        "kij,kmj->kmi", R_base_tracker, np.einsum("kmij,kj->kmi", M, tips) + t
+    )
+    return tips, offsets.mean(axis=1)
+
+
+def _errors_mm(
+    Ts_base_tip: Poses,
+    Ts_tracker_toolmarker: Poses,
+    R_base_tracker: Floats,
+    R_toolmarker_tip: Floats,
+    tips_toolmarker: Floats,
+    origins_base: Floats,
+) -> Floats:
+    """Return how far each pose (n) is off by each solution (k): (k, n), turns at a lever."""
+    M, t = Ts_tracker_toolmarker.rotations, Ts_tracker_toolmarker.translations
+    seen = np.einsum("nij,kj->kni", M, tips_toolmarker) + t
+    placed = np.einsum("kij,knj->kni", R_base_tracker, seen) + origins_base[:, None]
+    shift = np.linalg.norm(placed - Ts_base_tip.translations, axis=2)
+    turned = R_base_tracker[:, None] @ M @ R_toolmarker_tip[:, None]
+    apart = np.swapaxes(Ts_base_tip.rotations, 1, 2) @ turned
+    angles = np.linalg.norm(rotation_vectors(apart.reshape(-1, 3, 3)), axis=1)
+    return np.hypot(shift, LEVER_MM * angles.reshape(shift.shape))
+
 
 UNKNOWNS = 12
 MIN_POSES = 4

@@ -13,9 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.calibration.pivot.motion_extent import require_swing
+from rona_core.calibration.pivot.motion_extent import cap_half_angle_deg, require_swing
 from rona_core.calibration.pivot.pivot_calibration import as_keep
-from rona_core.calibration.pivot.sphere_fit import cap_half_angle_deg
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Vector3, readonly
 from rona_core.geometry.pose import Poses

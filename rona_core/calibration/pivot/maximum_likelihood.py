@@ -1,9 +1,17 @@
-"""Maximum-likelihood estimate of tip and pivot, robust, with its covariance.
+"""Tip and pivot of a tracked body: robust first guess, maximum likelihood, repeating errors.
 
-Errors in variables: each pose is corrected by a rotation and a translation, weighted by the
-covariance of its errors, so that all poses share one tip. Solved by Gauss-Helmert steps (Förstner
-2016), which eliminate the corrections pose by pose. Tukey's weights exclude poses that need too
-large a correction (an MM-estimator, Yohai 1987).
+Robust initial guess of tip and pivot by linear least squares. Every pose says R tip - pivot = -p,
+three equations that are linear in the unknowns.
+
+Maximum-likelihood estimate of tip and pivot, robust, with its covariance. Errors in variables: each
+pose is corrected by a rotation and a translation, weighted by the covariance of its errors, so that
+all poses share one tip. Solved by Gauss-Helmert steps (Förstner 2016), which eliminate the
+corrections pose by pose. Tukey's weights exclude poses that need too large a correction (an
+MM-estimator, Yohai 1987).
+
+Effect of repeating marker errors on a pivoted tip, and what the pivot shows of them. A field of
+errors that changes under the markers while they swing acts like a change of scale and shape: a part
+of it moves the tip and leaves no residual, the rest makes the tip seem to wander.
 """
 
 from dataclasses import dataclass
@@ -11,11 +19,93 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rona_core.calibration.pivot.initial_guess import robust_initial_guess
-from rona_core.calibration.tracking_error import TrackedPoses
-from rona_core.geometry.arrays import Bools, Floats, Vector3, readonly
+from rona_core.calibration.tracking_error import (
+    LearnedField,
+    MarkerNoise,
+    TrackedPoses,
+    fit_matrices,
+    tracked_from_poses,
+)
+from rona_core.geometry.arrays import Bools, Floats, Ints, Vector3, readonly
+from rona_core.geometry.pose import Poses
 from rona_core.geometry.pose_covariance import cross_matrices
 from rona_core.geometry.robust import tukey_weights_of_squares
+
+SUBSETS = 40
+SUBSET_SIZE = 6
+TRIMMED = 0.6  # share of the poses that must agree
+CONCENTRATIONS = 4
+STEPS = 40
+SEED = 1
+RIDGE = 1e-12
+FLOOR_MM = 1e-9
+
+
+def robust_initial_guess(levers: Floats, p: Floats, keep: Bools) -> Floats:
+    """Return tip and pivot (k + 3,) on which most of the poses agree.
+
+    The best of: the least sum of distances (not of squares), and least trimmed squares from many
+    small subsets (Rousseeuw and Driessen 2006).
+
+    Args:
+        levers: (n, 3, k) directions, in ``tracker``, of the k ways in which the tip may move.
+        p: (n, 3) where each pose puts the origin of these ways, in mm.
+        keep: (n,) False for poses that do not count.
+    """
+    design = np.concatenate((levers, np.broadcast_to(-np.eye(3), (len(p), 3, 3))), axis=2)[keep]
+    wanted = -p[keep]
+    n, k = len(wanted), design.shape[2]
+    normals = (np.swapaxes(design, 1, 2) @ design).reshape(n, k * k)
+    pulls = np.einsum("nij,ni->nj", design, wanted)
+    trials = np.vstack((_least_distances(design, wanted, normals, pulls), _subsets(normals, pulls)))
+    h = int(np.ceil(TRIMMED * n))
+    score = np.zeros(len(trials))
+    for _ in range(CONCENTRATIONS):
+        squares = _squares(design, wanted, trials)
+        limit = np.partition(squares, h - 1, axis=1)[:, h - 1 : h]
+        chosen = squares <= limit
+        score = np.where(chosen, squares, 0.0).sum(axis=1)
+        better = _solve(chosen.astype(np.float64), normals, pulls)
+        trials = np.vstack((trials[score.argmin()], better))
+    return trials[0]
+
+
+def _least_distances(design: Floats, wanted: Floats, normals: Floats, pulls: Floats) -> Floats:
+    weights = np.ones((1, len(wanted)))
+    x = _solve(weights, normals, pulls)
+    for _ in range(STEPS):
+        distances = np.sqrt(_squares(design, wanted, x))
+        floor = max(0.05 * float(np.median(distances)), FLOOR_MM)
+        new = _solve(1.0 / np.maximum(distances, floor), normals, pulls)
+        settled = np.abs(new - x).max() < 1e-4 * floor
+        x = new
+        if settled:
+            break
+    return x
+
+
+def _subsets(normals: Floats, pulls: Floats) -> Floats:
+    """Return the solutions (s, k) of random subsets; the same subsets on every call."""
+    rng = np.random.default_rng(SEED)
+    n = len(normals)
+    size = min(SUBSET_SIZE, n)
+    chosen = rng.random((SUBSETS, n)).argsort(axis=1) < size
+    return _solve(chosen.astype(np.float64), normals, pulls)
+
+
+def _solve(weights: Floats, normals: Floats, pulls: Floats) -> Floats:
+    """Return the weighted least-squares solutions (s, k) for weights (s, n)."""
+    k = pulls.shape[1]
+    total = (weights @ normals).reshape(-1, k, k)
+    total += RIDGE * np.trace(total, axis1=1, axis2=2)[:, None, None] * np.eye(k)
+    return np.linalg.solve(total, (weights @ pulls)[..., None])[..., 0]
+
+
+def _squares(design: Floats, wanted: Floats, trials: Floats) -> Floats:
+    """Return the squared distances (s, n) that solutions (s, k) leave at each pose."""
+    residuals = np.tensordot(trials, design, axes=(1, 2)) - wanted
+    return (residuals**2).sum(axis=2)
+
 
 CUTOFF = 5.49  # standard deviations; 95 % efficient in three dimensions
 MEDIAN_CHI2 = 2.366  # of three degrees of freedom
@@ -209,3 +299,88 @@ def _covariance(step: _Step, weights: Floats, variance: float, cutoff: float) ->
     unknowns = step.information.shape[1]
     spread *= 3.0 * n / max(3.0 * n - unknowns, 1.0)
     return np.linalg.inv(step.information[used].sum(axis=0)) * (spread / slope**2)
+
+
+RUNS = 24  # of neighbouring poses: each counts as one
+LEAST_NOISE_MM = 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PivotMotion:
+    """Poses of a body that swung about its tip, in their order, and what was found of it."""
+
+    Ts_tracker_marker: Poses  # those that count
+    positions_marker: Floats  # (m, 3)
+    dof: int
+    tip_marker: Vector3
+    pivot_tracker: Vector3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TipSensitivity:
+    """How the tip moves with the errors of the markers in poses that stand for the motion."""
+
+    points_tracker: Floats  # (p, 3) places of markers
+    tip: Floats  # (3, p, 3) derivatives of the tip, in ``marker``
+
+
+def tip_sensitivity(motion: PivotMotion) -> TipSensitivity:
+    """Return how errors of the markers move the most likely tip, to first order."""
+    _, some = _runs(motion)
+    tracked = tracked_from_poses(some, motion.positions_marker, MarkerNoise(), dof=motion.dof)
+    basis = _basis(motion.dof)
+    k = basis.shape[1]
+    model = tip_conditions(tracked, motion.tip_marker, dof=motion.dof)
+    unknowns = np.linalg.inv(model.information().sum(axis=0))[:k]
+    misses = _misses(motion, some)
+    moved = -np.einsum("ik,njk,nmjl->inml", basis @ unknowns, model.N_inv_A, misses)
+    points = some.map_points(motion.positions_marker).reshape(-1, 3)
+    return TipSensitivity(readonly(points), readonly(moved.reshape(3, -1, 3)))
+
+
+def field_of_pivot(motion: PivotMotion, field: LearnedField) -> LearnedField:
+    """Return the field with the lengths that its residuals make likely."""
+    tips = motion.Ts_tracker_marker @ motion.tip_marker - motion.pivot_tracker
+    edges, some = _runs(motion)
+    counts = np.diff(edges)
+    wander = np.add.reduceat(tips, edges[:-1]) / counts[:, None]
+    # white noise of a frame: what neighbours do not share
+    steps = np.diff(tips, axis=0)
+    white = steps.T @ steps / (2.0 * len(steps)) + LEAST_NOISE_MM**2 * np.eye(3)
+    noise = np.kron(np.diag(1.0 / counts), white).astype(np.float64)
+    held = np.broadcast_to(-np.eye(3), (len(some), 3, 3))
+    fitted = np.concatenate((some.rotations @ _basis(motion.dof), held), axis=2).reshape(
+        3 * len(some), -1
+    )
+    left: Floats = np.linalg.svd(fitted)[0][:, fitted.shape[1] :].T  # what no tip and pivot explain
+    misses = _misses(motion, some)
+    n, m = misses.shape[:2]
+    rows = np.zeros((n, 3, n, m, 3))
+    rows[np.arange(n), :, np.arange(n)] = np.swapaxes(misses, 1, 2)
+    return field.learn(
+        left @ wander.ravel(),
+        np.einsum("ij,jpl->ipl", left, rows.reshape(3 * n, n * m, 3)),
+        some.map_points(motion.positions_marker).reshape(-1, 3),
+        left @ noise @ left.T,
+    )
+
+
+def _basis(dof: int) -> Floats:
+    """Return the directions (3, k) that the tip may move along in ``marker``."""
+    return np.eye(3) if dof == 6 else np.eye(3)[:, 2:]
+
+
+def _runs(motion: PivotMotion) -> tuple[Ints, Poses]:
+    """Return the edges (r + 1,) of runs of neighbouring poses, and the pose in their middle."""
+    n = len(motion.Ts_tracker_marker)
+    edges = np.linspace(0, n, min(RUNS, n) + 1).astype(np.int64)
+    return edges, motion.Ts_tracker_marker.select((edges[:-1] + edges[1:]) // 2)
+
+
+def _misses(motion: PivotMotion, some: Poses) -> Floats:
+    """Return how the mapped tip (n, m, 3, 3) of each pose moves with each marker."""
+    lever = some.rotations @ (motion.tip_marker - motion.positions_marker.mean(axis=0))
+    turned = np.concatenate(
+        (-cross_matrices(lever), np.broadcast_to(np.eye(3), (len(some), 3, 3))), axis=2
+    )
+    return turned[:, None] @ fit_matrices(some.rotations, motion.positions_marker)

@@ -6,9 +6,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.calibration.pivot.initial_guess import robust_initial_guess
-from rona_core.calibration.pivot.maximum_likelihood import estimate_tip
+from rona_core.calibration.pivot.maximum_likelihood import estimate_tip, robust_initial_guess
 from rona_core.calibration.pivot.motion_extent import (
+    disagreement,
+    fit_sphere,
+    refusal,
+    repeated_poses,
     require_cone,
     require_swing,
     swing_of_shaft_deg,
@@ -19,9 +22,6 @@ from rona_core.calibration.pivot.quality import (
     correlated_poses,
     judge_pivot,
 )
-from rona_core.calibration.pivot.refusals import disagreement, refusal
-from rona_core.calibration.pivot.repeated_poses import repeated_poses
-from rona_core.calibration.pivot.sphere_fit import fit_sphere
 from rona_core.calibration.tracking_error import MarkerNoise, tracked_from_poses
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Vector3, readonly

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rona_core.calibration.pivot.initial_guess import robust_initial_guess
-from rona_core.calibration.pivot.repeated_poses import repeated_poses
+from rona_core.calibration.pivot.maximum_likelihood import robust_initial_guess
+from rona_core.calibration.pivot.motion_extent import repeated_poses
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, Ints, Vector3
 from rona_core.geometry.pose import Poses

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import KDTree
 
-from rona_core.calibration.hand_eye.head_motion import HeadMotion
+from rona_core.calibration.hand_eye.reference_markers import HeadMotion
 from rona_core.calibration.timing.robot_latency import BREATH_MM
 from rona_core.devices.robots import ROBOTS
 from rona_core.devices.settings import TrackerProfile

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.calibration.hand_eye.robust_weights import FLOOR_MM
+from rona_core.calibration.hand_eye.hand_eye import FLOOR_MM
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.session.document import Captures, Results, Session
 from tests.api.routes.test_api_routes import refused

@@ -18,7 +18,7 @@ from rona_core.app.overview.frame_graph import frame_rows
 from rona_core.app.runtime.handling import handle
 from rona_core.app.steps.pointer.messages import StartPointerCapture
 from rona_core.app.steps.setup.messages import SetRobot, SetSeed
-from rona_core.calibration.hand_eye.head_motion import head_reference
+from rona_core.calibration.hand_eye.reference_markers import head_reference
 from rona_core.compose import new_workbench
 from rona_core.devices.live import LiveState
 from rona_core.devices.samples import JointSample, ToolSample, TrackerFrame

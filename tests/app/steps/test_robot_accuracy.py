@@ -27,7 +27,7 @@ from rona_core.calibration.hand_eye.robot_accuracy import (
     score_of_links,
 )
 from rona_core.calibration.hand_eye.tool_registration import register_tool
-from rona_core.calibration.tracker_field import LearnedField, TrackerErrorField
+from rona_core.calibration.tracking_error import LearnedField, TrackerErrorField
 from rona_core.compose import new_workbench
 from rona_core.geometry.pose import Poses
 from rona_core.robot.kinematics.catalog import robot_model

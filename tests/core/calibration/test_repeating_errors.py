@@ -6,21 +6,23 @@ import numpy as np
 import pytest
 
 from rona_core.calibration.hand_eye.hand_eye import TOOL_MARKERS
-from rona_core.calibration.hand_eye.registration_sensitivity import registration_sensitivity
+from rona_core.calibration.hand_eye.robot_accuracy import registration_sensitivity
 from rona_core.calibration.hand_eye.tool_registration import register_tool
 from rona_core.calibration.handheld.pointer import calibrate_pointer
-from rona_core.calibration.pivot.tip_sensitivity import (
+from rona_core.calibration.pivot.maximum_likelihood import (
     PivotMotion,
     field_of_pivot,
     tip_sensitivity,
 )
-from rona_core.calibration.tracker_field import (
-    EVEN,
+from rona_core.calibration.tracking_error import (
+    EVEN_WEIGHTS as EVEN,
+)
+from rona_core.calibration.tracking_error import (
     LENGTHS_MM,
     LearnedField,
     TrackerErrorField,
+    fit_matrices,
 )
-from rona_core.calibration.tracking_error import fit_matrices
 from rona_core.devices.trackers import GEOMETRIES
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.geometry.pose_covariance import deviation_between, rotation_vectors

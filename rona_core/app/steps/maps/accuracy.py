@@ -18,7 +18,7 @@ from rona_core.app.steps.maps.inputs import AGAIN, CLOUD_PRIOR, EDITS, MAPS
 from rona_core.app.steps.scan.inputs import HEAD, KNOWN_MOUNTING, PLACES, SCAN, ProbePlaces
 from rona_core.app.steps.setup.inputs import MODEL, PROBE, TRACKER_PROFILE
 from rona_core.app.steps.surface.inputs import SURFACE
-from rona_core.calibration.hand_eye.head_motion import HeadMotion
+from rona_core.calibration.hand_eye.reference_markers import HeadMotion
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.calibration.handheld.tracked_probe import SonoCalibration
 from rona_core.devices.settings import ProbeSettings, TrackerProfile

@@ -7,7 +7,7 @@ from rona_core.app.dependencies.staleness import made_of
 from rona_core.app.steps.pointer.touched_places import Evidence
 from rona_core.app.steps.setup.inputs import MODEL, ROBOT_ERRORS
 from rona_core.calibration.handheld.pointer import PointerCalibration
-from rona_core.calibration.tracker_field import TrackerErrorField
+from rona_core.calibration.tracking_error import TrackerErrorField
 from rona_core.session.captures import PointerCapture, ToolCapture
 
 POINTER_CAPTURE: Input[PointerCapture] = capture_input("pointer")

@@ -6,15 +6,13 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from rona_core.calibration.handheld.imported_pivot import (
-    RecordedPivotCalibration,
-    calibrate_recorded_pivot,
-    solve_recorded_pivot,
-)
 from rona_core.calibration.handheld.pointer import (
     MIN_POSES,
     PointerCalibration,
+    RecordedPivotCalibration,
+    calibrate_recorded_pivot,
     pointer_calibration,
+    solve_recorded_pivot,
 )
 from rona_core.calibration.pivot.motion_extent import require_swing
 from rona_core.calibration.pivot.pivot_calibration import PivotMethod

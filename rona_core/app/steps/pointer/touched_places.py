@@ -13,9 +13,8 @@ from rona_core.app.steps.pointer.tracker_field import learned_field, pivot_motio
 from rona_core.app.steps.tool.derivation import repeating_parts
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.calibration.handheld.pointer import PointerCalibration
-from rona_core.calibration.pivot.tip_sensitivity import tip_sensitivity
-from rona_core.calibration.tracker_field import LearnedField, TrackerErrorField
-from rona_core.calibration.tracking_error import fit_matrices
+from rona_core.calibration.pivot.maximum_likelihood import tip_sensitivity
+from rona_core.calibration.tracking_error import LearnedField, TrackerErrorField, fit_matrices
 from rona_core.devices.trackers import GEOMETRIES
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.geometry.pose import Poses

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 
 from rona_core.calibration.handheld.pointer import PointerCalibration
-from rona_core.calibration.pivot.tip_sensitivity import (
+from rona_core.calibration.pivot.maximum_likelihood import (
     PivotMotion,
     field_of_pivot,
     tip_sensitivity,
 )
-from rona_core.calibration.tracker_field import LearnedField, TrackerErrorField
+from rona_core.calibration.tracking_error import LearnedField, TrackerErrorField
 from rona_core.devices.trackers import GEOMETRIES
 from rona_core.geometry.arrays import readonly
 from rona_core.session.captures import PointerCapture

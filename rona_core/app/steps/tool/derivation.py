@@ -8,14 +8,14 @@ from rona_core.app.dependencies.base_reference import base_reference
 from rona_core.app.steps.tool.inputs import ToolInputs
 from rona_core.app.steps.tool.messages import RegisterTool
 from rona_core.calibration.hand_eye.quality import registration_sigma_mm
-from rona_core.calibration.hand_eye.registration_sensitivity import (
+from rona_core.calibration.hand_eye.robot_accuracy import (
     RegistrationSensitivity,
+    check_robot_accuracy,
     registration_sensitivity,
 )
-from rona_core.calibration.hand_eye.robot_accuracy import check_robot_accuracy
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration, register_tool
 from rona_core.calibration.timing.time_offset import TimeOffset, estimate_time_offset
-from rona_core.calibration.tracker_field import LearnedField
+from rona_core.calibration.tracking_error import LearnedField
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.geometry.pose import Poses

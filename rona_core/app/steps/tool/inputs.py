@@ -5,7 +5,7 @@ from rona_core.app.dependencies.base_reference import TRACKER_FIELD
 from rona_core.app.dependencies.inputs import capture_input, result_input
 from rona_core.app.steps.setup.inputs import MODEL, ROBOT_ERRORS
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
-from rona_core.calibration.tracker_field import TrackerErrorField
+from rona_core.calibration.tracking_error import TrackerErrorField
 from rona_core.session.captures import ToolCapture
 
 TOOL_CAPTURE: Input[ToolCapture] = capture_input("tool")

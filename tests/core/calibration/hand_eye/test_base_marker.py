@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from rona_core.calibration.hand_eye.base_marker import (
+from rona_core.calibration.hand_eye.reference_markers import (
     MIN_FRAMES,
     SeenBase,
     detect_tracker_movement,
@@ -14,7 +14,7 @@ from rona_core.calibration.hand_eye.base_marker import (
     point_sigmas_mm,
     update_registration,
 )
-from rona_core.calibration.tracker_field import TrackerErrorField
+from rona_core.calibration.tracking_error import TrackerErrorField
 from rona_core.devices.settings import DeviceSettings, TrackerPlace, TrackerSettings
 from rona_core.devices.trackers import FIELD_MM, GEOMETRIES
 from rona_core.errors import DegenerateGeometryError

@@ -4,15 +4,16 @@ from hypothesis import given, settings
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from rona_core.calibration.hand_eye.hand_eye import TOOL_MARKERS, solve_hand_eye
-from rona_core.calibration.hand_eye.initial_guess import first_guess
-from rona_core.calibration.hand_eye.residuals import (
+from rona_core.calibration.hand_eye.hand_eye import (
+    TOOL_MARKERS,
+    first_guess,
     fit_covariances,
     jacobians,
     moved,
     observe,
     residuals,
     robot_covariances,
+    solve_hand_eye,
 )
 from rona_core.calibration.tracking_error import EVEN, MarkerNoise
 from rona_core.errors import DegenerateGeometryError, InvalidInputError

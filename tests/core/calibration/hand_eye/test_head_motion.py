@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rona_core.calibration.hand_eye.head_motion import (
+from rona_core.calibration.hand_eye.reference_markers import (
     FALSE_ALARM,
     HeadReference,
     head_motion,

@@ -3,9 +3,8 @@ import pytest
 from hypothesis import given, settings
 from scipy.spatial.transform import Rotation
 
-from rona_core.calibration.hand_eye import published_method
-from rona_core.calibration.hand_eye.published_method import solve_paper
-from rona_core.calibration.hand_eye.tool_registration import register_tool
+from rona_core.calibration.hand_eye import tool_registration
+from rona_core.calibration.hand_eye.tool_registration import register_tool, solve_paper
 from rona_core.calibration.tracking_error import EVEN
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.pose import Pose, Poses
@@ -16,15 +15,15 @@ methods = pytest.mark.parametrize("method", ["joint", "paper"])
 REGION_MM = np.array(((0, 0, 0), (40, 0, 0), (-40, 0, 10), (0, 40, -10), (0, -40, 20.0)))
 
 
-DRAWS = published_method.DRAWS
+DRAWS = tool_registration.DRAWS
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _few_repetitions():
     """Few repetitions on simulated noise, which alone tell how certain the published method is."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(published_method, "DRAWS", 8)
-        patch.setattr(published_method, "MIN_DRAWS", 4)
+        patch.setattr(tool_registration, "DRAWS", 8)
+        patch.setattr(tool_registration, "MIN_DRAWS", 4)
         yield
 
 
@@ -141,7 +140,7 @@ def test_noisy_poses_register_the_workpiece_and_the_joint_solve_is_better():
 @pytest.mark.sweep(1)
 @methods
 def test_the_predicted_error_is_the_size_of_the_error(method, monkeypatch):
-    monkeypatch.setattr(published_method, "DRAWS", DRAWS)
+    monkeypatch.setattr(tool_registration, "DRAWS", DRAWS)
     ratios = []
     for seed in range(25 if method == "joint" else 10):
         rng = np.random.default_rng(seed)

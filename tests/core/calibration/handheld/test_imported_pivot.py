@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from scipy.spatial.transform import Rotation
 
-from rona_core.calibration.handheld.imported_pivot import calibrate_recorded_pivot
+from rona_core.calibration.handheld.pointer import calibrate_recorded_pivot
 from rona_core.calibration.pivot.pivot_calibration import solve_pivot
 from rona_core.calibration.tracking_error import EVEN
 from rona_core.errors import InvalidInputError

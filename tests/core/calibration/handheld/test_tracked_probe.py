@@ -4,8 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from rona_core.calibration.handheld.rotation_axis import fit_rotation_axis
-from rona_core.calibration.handheld.tracked_probe import calibrate_sono
+from rona_core.calibration.handheld.tracked_probe import calibrate_sono, fit_rotation_axis
 from rona_core.devices.trackers import GEOMETRIES
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.pose import Pose, Poses

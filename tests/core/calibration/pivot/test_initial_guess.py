@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rona_core.calibration.pivot.initial_guess import robust_initial_guess
+from rona_core.calibration.pivot.maximum_likelihood import robust_initial_guess
 from tests.helpers.pivots import PIVOT, TIPS, orientations
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rona_core.calibration.handheld.imported_pivot import calibrate_recorded_pivot
+from rona_core.calibration.handheld.pointer import calibrate_recorded_pivot
 from rona_core.calibration.pivot.pose_convention import (
     CHANGES,
     require_convention,

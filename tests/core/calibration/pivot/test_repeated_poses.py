@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rona_core.calibration.handheld.imported_pivot import calibrate_recorded_pivot
+from rona_core.calibration.handheld.pointer import calibrate_recorded_pivot
+from rona_core.calibration.pivot.motion_extent import repeated_poses
 from rona_core.calibration.pivot.pivot_calibration import REPEATED, solve_pivot
-from rona_core.calibration.pivot.repeated_poses import repeated_poses
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.pose import Poses
 from tests.helpers.pivot_data import BODY, TIP, poses

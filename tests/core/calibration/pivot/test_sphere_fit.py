@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
-from rona_core.calibration.pivot.sphere_fit import fit_sphere
+from rona_core.calibration.pivot.motion_extent import fit_sphere
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from tests.helpers.strategies import cap, random_pose, seeds, thin_points
 

@@ -15,9 +15,9 @@ from rona_core.app.steps.tool.derivation import (
 )
 from rona_core.calibration.hand_eye.hand_eye import TOOL_MARKERS
 from rona_core.calibration.hand_eye.seated_tip import SeatedTip, solve_seated_tip
+from rona_core.calibration.pivot.maximum_likelihood import PivotMotion, tip_sensitivity
 from rona_core.calibration.pivot.pivot_calibration import solve_pivot
-from rona_core.calibration.pivot.tip_sensitivity import PivotMotion, tip_sensitivity
-from rona_core.calibration.tracker_field import LearnedField
+from rona_core.calibration.tracking_error import LearnedField
 from rona_core.errors import RonaError
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.geometry.pose import Poses

@@ -8,7 +8,7 @@ from rona_core.app.steps.implant.burr.registration import BurrRegistration
 from rona_core.app.steps.setup.inputs import MODEL, ROBOT_ERRORS
 from rona_core.app.steps.tool.inputs import TOOL
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
-from rona_core.calibration.tracker_field import TrackerErrorField
+from rona_core.calibration.tracking_error import TrackerErrorField
 from rona_core.session.captures import ToolCapture
 
 BURR_CAPTURE: Input[ToolCapture] = capture_input("burr")
