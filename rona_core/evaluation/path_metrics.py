@@ -8,7 +8,7 @@ from rona_core.app.dependencies.staleness import made_of
 from rona_core.evaluation.figures import Figures
 from rona_core.evaluation.truth import Truth
 from rona_core.geometry.arrays import Floats, Ints
-from rona_core.path.temporal_filter import filter_path
+from rona_core.path.path_samples import filter_path
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.ultrasound.probe.probe_model import probe_model
 

@@ -5,8 +5,7 @@ from itertools import pairwise
 import numpy as np
 
 from rona_core.geometry.arrays import Floats
-from rona_core.path.detours import Detours
-from rona_core.path.scan_patterns import Inside
+from rona_core.path.scan_patterns import Detours, Inside
 
 Row = tuple[Floats, Floats]  # start and end (2,) in cells of the map
 LOOK = 0.5  # cells between places at which a row is looked at

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, as_points, readonly
-from rona_core.path.simplification.segment_distance import distances_to_segment
+from rona_core.path.simplification.error_bound import distances_to_segment
 
 Point = tuple[float, float, float]
 BY_HAND = -1  # in place of the number of a sample

@@ -29,8 +29,8 @@ from rona_core.geometry.surface.normals.normals import Normals
 from rona_core.mapping.boundary_map import Maps
 from rona_core.mapping.second_pass import SecondPassPath
 from rona_core.path.manual_edits import PathEdits
-from rona_core.path.painted_regions import PaintedRegions
 from rona_core.path.simplification.simplify import SimplifiedPath
+from rona_core.path.zones import PaintedRegions
 from rona_core.robot.base_placement.candidates import BasePlacement
 from rona_core.robot.planning.plan import RobotPlan
 from rona_core.session.captures import (

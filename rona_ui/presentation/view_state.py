@@ -5,7 +5,7 @@ from typing import Any, Literal
 
 from rona_core.app.steps.maps.view import MapQuantity
 from rona_core.app.steps.roll.margins_view import Quantity
-from rona_core.path.painted_regions import PaintKind
+from rona_core.path.zones import PaintKind
 
 Point = tuple[float, float, float]
 Pairs = tuple[tuple[Point, Point], ...]  # of points: in the file of a reference, and in base

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from rona_core.path.simplification.deviation import deviations
-from rona_core.path.simplification.segment_distance import piece_costs
+from rona_core.path.simplification.error_bound import deviations, piece_costs
 
 
 def meander(n, *, lines=9, length_mm=60.0, spacing_mm=5.0, radius_mm=80.0):

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rona_core.geometry.arrays import Bools, Floats, Ints
-from rona_core.path.simplification.deviation import as_path
+from rona_core.path.simplification.error_bound import as_path
 
 TIE_MM = 1e-9
 

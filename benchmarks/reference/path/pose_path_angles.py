@@ -7,7 +7,7 @@ Along a segment they follow the great circle (slerp), evenly in the place on the
 import numpy as np
 
 from rona_core.geometry.arrays import Floats, Ints
-from rona_core.path.simplification.segment_distance import inner_rows
+from rona_core.path.simplification.error_bound import inner_rows
 
 OPPOSITE_RAD = np.pi - 1e-6  # the great circle between is a guess from here on
 

@@ -13,10 +13,8 @@ from benchmarks.reference.path.lower_bound import points_lower_bound
 from benchmarks.reference.path.pose_path_angles import piece_turns
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, as_floats, as_points, readonly
-from rona_core.path.simplification.deviation import deviations
-from rona_core.path.simplification.error_bound import ShortcutTest, rounding_of
-from rona_core.path.simplification.simplify import RULES, SimplifyMethod, chosen_points
-from rona_core.path.simplification.vertex_decimation import as_keep
+from rona_core.path.simplification.error_bound import ShortcutTest, deviations, rounding_of
+from rona_core.path.simplification.simplify import RULES, SimplifyMethod, as_keep, chosen_points
 
 UNIT_TOLERANCE = 1e-6
 

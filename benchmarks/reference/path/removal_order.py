@@ -7,10 +7,14 @@ from numpy.typing import ArrayLike
 
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, Ints, readonly
-from rona_core.path.simplification.deviation import as_path
-from rona_core.path.simplification.error_bound import ShortcutTest, rounding_of
-from rona_core.path.simplification.segment_distance import Metric, as_metric
-from rona_core.path.simplification.vertex_decimation import as_keep, decimation_order
+from rona_core.path.simplification.error_bound import (
+    Metric,
+    ShortcutTest,
+    as_metric,
+    as_path,
+    rounding_of,
+)
+from rona_core.path.simplification.simplify import as_keep, decimation_order
 
 
 @dataclass(frozen=True, slots=True, eq=False)

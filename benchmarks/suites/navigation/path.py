@@ -18,10 +18,8 @@ from benchmarks.reference.path.lower_bound import points_lower_bound
 from benchmarks.reference.path.path_coverage import length_mm
 from benchmarks.reference.path.removal_order import removal_order
 from rona_core.geometry.arrays import Floats
-from rona_core.path.simplification.deviation import deviations
-from rona_core.path.simplification.error_bound import ErrorBound
-from rona_core.path.simplification.simplify import METHODS, SimplifiedPath, simplify
-from rona_core.path.simplification.vertex_decimation import as_keep
+from rona_core.path.simplification.error_bound import ErrorBound, deviations
+from rona_core.path.simplification.simplify import METHODS, SimplifiedPath, as_keep, simplify
 
 __all__ = ["POINTS", "demonstration", "run", "segment_deviation_mm"]
 

@@ -1,5 +1,14 @@
-"""Simplification of a path: as few of its points as possible within an error bound."""
+"""Simplification of a path: as few of its points as possible within an error bound.
 
+Ramer-Douglas-Peucker simplification: split at the farthest point until the bound holds. Source:
+Ramer 1972, Douglas and Peucker 1973; here with the distance from the segment, not from the infinite
+line, and all pieces of one depth at a time.
+
+Greedy vertex decimation: the point whose removal deviates least goes first (the paper's way).
+Source: Waringo and Henrich, Efficient smoothing of piecewise linear paths with minimal deviation.
+"""
+
+import heapq
 from dataclasses import dataclass
 from typing import Literal
 
@@ -8,17 +17,120 @@ from numpy.typing import ArrayLike
 
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
-from rona_core.path.simplification.beam_search import FAST_RULE, beam_search
-from rona_core.path.simplification.deviation import as_path, deviations
-from rona_core.path.simplification.douglas_peucker import SPLIT_RULE, douglas_peucker
-from rona_core.path.simplification.error_bound import ErrorBound, ShortcutTest
+from rona_core.path.simplification.error_bound import (
+    ErrorBound,
+    ShortcutTest,
+    as_path,
+    deviations,
+    distances_to_segment,
+)
 from rona_core.path.simplification.shortest_path import (
+    FAST_RULE,
     MAX_WORK,
     OPTIMAL_RULE,
+    beam_search,
     fewest_points,
     work_estimate,
 )
-from rona_core.path.simplification.vertex_decimation import GREEDY_RULE, as_keep, decimation_order
+
+SPLIT_RULE = "split at the farthest point, the first among equals, until the bound holds"
+
+
+def douglas_peucker(columns: Floats, fixed: Bools, test: ShortcutTest) -> Ints:
+    """Return the indices (k,) of the points at which the path was split, ends included.
+
+    Args:
+        columns: The path as (m, n), one row per dimension.
+        fixed: Mask (n,) of the points that must stay, ends included.
+        test: Decides which segments may replace a piece.
+    """
+    kept = fixed.copy()
+    stays = np.flatnonzero(fixed)
+    starts, ends = stays[:-1], stays[1:]
+    while len(starts):
+        broken = ~test.holds(columns, starts, ends)
+        starts, ends = starts[broken], ends[broken]
+        at = np.array(
+            [_farthest(columns, a, b) for a, b in zip(starts, ends, strict=True)], dtype=np.int64
+        )
+        kept[at] = True
+        starts, ends = np.concatenate((starts, at)), np.concatenate((at, ends))
+    return np.flatnonzero(kept)
+
+
+def _farthest(columns: Floats, start: int, end: int) -> int:
+    inner = columns[:, start + 1 : end].T
+    distances = distances_to_segment(inner, columns[:, start], columns[:, end])
+    return start + 1 + int(distances.argmax())
+
+
+GREEDY_RULE = "least deviation first, then shorter gap between neighbours, then smaller index"
+
+
+def decimation_order(points: Floats, fixed: Bools, test: ShortcutTest) -> tuple[Ints, Floats]:
+    """Return the points that may go within the error bound, in order, and what each cost.
+
+    A removal changes the costs of its two neighbours alone. A point whose piece would not be
+    within the bound on the distance waits until its neighbours change.
+
+    Args:
+        points: Path (n, m).
+        fixed: Mask (n,) of the points that must stay, ends included.
+        test: Costs of pieces, and whether a segment may replace them.
+    """
+    columns = np.ascontiguousarray(points.T)
+    left, right = list(range(-1, len(points) - 1)), list(range(1, len(points) + 1))
+    stays, costs = fixed.tolist(), [np.inf] * len(points)
+    heap: list[tuple[float, int, int]] = []  # cost, gap between the neighbours, index
+
+    def evaluate(touched: Ints) -> None:
+        starts = np.array([left[i] for i in touched], dtype=np.int64)
+        ends = np.array([right[i] for i in touched], dtype=np.int64)
+        found = test.costs(columns, starts, ends).tolist()
+        for i, cost in zip(touched.tolist(), found, strict=True):
+            costs[i] = cost
+            if cost <= test.tolerance:
+                heapq.heappush(heap, (cost, right[i] - left[i], i))
+
+    evaluate(np.flatnonzero(~fixed))
+    order: list[int] = []
+    paid: list[float] = []
+    while heap:
+        cost, gap, i = heapq.heappop(heap)
+        a, b = left[i], right[i]
+        if (costs[i], b - a) != (cost, gap):
+            continue  # its neighbours have changed since
+        costs[i] = np.inf
+        if not test.allows(columns, np.array([a]), np.array([b]))[0]:
+            continue
+        order.append(i)
+        paid.append(cost)
+        right[a], left[b] = b, a
+        evaluate(np.array([j for j in (a, b) if not stays[j]], dtype=np.int64))
+    return np.array(order, dtype=np.int64), np.array(paid)
+
+
+def as_keep(keep: ArrayLike | None, n: int) -> Bools:
+    """Return a mask (n,) of the points that must stay: both ends, and a mask or indices.
+
+    Raises:
+        InvalidInputError: a mask of another length, or indices out of range.
+    """
+    fixed = np.zeros(n, dtype=np.bool_)
+    fixed[[0, -1]] = True
+    if keep is None:
+        return fixed
+    wanted = np.asarray(keep)
+    if wanted.dtype == np.bool_ and wanted.shape == (n,):
+        return fixed | wanted
+    if wanted.size == 0:
+        return fixed
+    whole = wanted.ndim == 1 and np.issubdtype(wanted.dtype, np.integer)
+    if not whole or wanted.min() < 0 or wanted.max() >= n:
+        raise InvalidInputError(f"keep must be a mask of {n} points or indices 0 to {n - 1}")
+    fixed[wanted] = True
+    return fixed
+
 
 SimplifyMethod = Literal["optimal", "fast", "greedy", "rdp"]
 METHODS: tuple[SimplifyMethod, ...] = ("optimal", "fast", "greedy", "rdp")

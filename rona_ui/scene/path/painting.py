@@ -5,7 +5,7 @@ import trimesh
 
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.mesh import Mesh
-from rona_core.path.painted_regions import PaintedStroke, PaintKind
+from rona_core.path.zones import PaintedStroke, PaintKind
 from rona_core.session.memo import Memo
 from rona_ui.presentation.colors import GREEN, VERMILLION, Rgb
 from rona_ui.presentation.snapshot import Snapshot, changed

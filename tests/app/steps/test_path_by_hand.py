@@ -36,7 +36,7 @@ from rona_core.errors import (
     StepBlockedError,
 )
 from rona_core.evaluation.path_metrics import smoothing_figures
-from rona_core.path.simplification.deviation import deviations
+from rona_core.path.simplification.error_bound import deviations
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
 from rona_core.session.files import load_session, session_bytes, session_from_bytes

@@ -9,7 +9,7 @@ from rona_core.session.document import Captures
 from tests.helpers.sphere_world import SphereSpecimen
 
 pytest.importorskip("rona_core.virtual.robot.robot", reason="there is no virtual robot")
-pytest.importorskip("rona_core.path.temporal_filter", reason="there is no path filter")
+pytest.importorskip("rona_core.path.path_samples", reason="there is no path filter")
 from rona_core.app.declarations.figures import FIGURES
 from rona_core.evaluation.metrics import evaluate
 from rona_core.evaluation.scan_metrics import detection_figures, true_probe_poses, wrong_inner

@@ -12,7 +12,7 @@ from rona_core.robot.trajectory.trajectory import Trajectory
 from rona_core.session.codec import digest
 from tests.core.evaluation.test_navigation_metrics import truth_of
 
-pytest.importorskip("rona_core.path.temporal_filter", reason="there is no path filter")
+pytest.importorskip("rona_core.path.path_samples", reason="there is no path filter")
 from rona_core.evaluation.path_metrics import (
     deviation_max_mm,
     filter_width_s,

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation, Slerp
 
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
-from rona_core.path.densify import densify, insert_waypoints
+from rona_core.path.path_samples import densify, insert_waypoints
 from tests.helpers.strategies import random_pose, seeds, unit_vectors
 
 few = settings(max_examples=25, deadline=None)

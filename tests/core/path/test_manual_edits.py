@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from rona_core.errors import InvalidInputError
 from rona_core.path.manual_edits import BY_HAND, PathEdit, distances_to_edited, edit_path
-from rona_core.path.simplification.deviation import deviations
+from rona_core.path.simplification.error_bound import deviations
 from rona_core.path.simplification.simplify import simplify
 from tests.helpers.strategies import random_pose, seeds
 

@@ -8,9 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
-from rona_core.path.detours import Detours, join_strokes
-from rona_core.path.painted_regions import PaintedRegions, PaintedStroke
-from rona_core.path.scan_patterns import patch_pose, raster, spiral
+from rona_core.path.scan_patterns import Detours, join_strokes, patch_pose, raster, spiral
+from rona_core.path.zones import PaintedRegions, PaintedStroke
 from tests.helpers.strategies import random_pose, seeds
 
 few = settings(max_examples=8, deadline=None)

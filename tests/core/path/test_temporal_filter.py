@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 
 from rona_core.errors import InvalidInputError
-from rona_core.path.temporal_filter import cutoff_hz, filter_path
+from rona_core.path.path_samples import cutoff_hz, filter_path
 from tests.helpers.paths import demonstration
 from tests.helpers.strategies import random_pose, seeds
 

@@ -20,7 +20,7 @@ from rona_core.geometry.surface.cloud import SurfaceCloud
 from rona_core.mapping.accuracy.probe_place import cloud_prior
 from rona_core.mapping.boundary_map import Maps
 from rona_core.mapping.cloud_fusion import CloudPrior
-from rona_core.path.painted_regions import PaintedRegions
+from rona_core.path.zones import PaintedRegions
 from rona_core.session.captures import ScanCapture
 from rona_core.session.document import SecondPass
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import SpeedCalibration

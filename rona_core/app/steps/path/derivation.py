@@ -10,8 +10,8 @@ from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.rigid_fit import fit_plane
 from rona_core.geometry.surface.surface_pick import project_to_surface
 from rona_core.path.height_field import fit_height_field
-from rona_core.path.painted_regions import PaintedRegions
 from rona_core.path.scan_patterns import patch_pose, raster, spiral
+from rona_core.path.zones import PaintedRegions
 from rona_core.session.document import RawPath
 
 RIM_CORNERS = 72  # of a round boundary

@@ -18,7 +18,7 @@ from rona_core.app.steps.surface.inputs import SURFACE, SURFACE_CAPTURE, Strokes
 from rona_core.calibration.handheld.pointer import PointerCalibration
 from rona_core.geometry.arrays import Vector3
 from rona_core.geometry.surface.cloud import SurfaceCloud
-from rona_core.path.painted_regions import PaintedRegions
+from rona_core.path.zones import PaintedRegions
 from rona_core.session.captures import PointerCapture
 from rona_core.session.document import RawPath, Session, SmoothPath
 

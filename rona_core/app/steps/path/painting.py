@@ -18,8 +18,8 @@ from rona_core.app.steps.surface.inputs import SURFACE
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.pose import Pose
-from rona_core.path.painted_regions import PaintedRegions, PaintedStroke
 from rona_core.path.scan_patterns import Inside
+from rona_core.path.zones import PaintedRegions, PaintedStroke
 from rona_core.session.document import Session
 
 MAX_STROKES = 100

@@ -14,7 +14,7 @@ from rona_core.devices.settings import (
 )
 from rona_core.devices.world_settings import WorldSettings
 from rona_core.errors import NotFoundError
-from rona_core.path.painted_regions import PaintedRegions
+from rona_core.path.zones import PaintedRegions
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import RegionChoice, Session
 from rona_core.session.specimen import BoneChoice, SimulatedSkull

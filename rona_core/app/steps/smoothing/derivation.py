@@ -10,12 +10,11 @@ from rona_core.app.steps.smoothing.messages import SmoothScanPath
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.geometry.surface.normals.normals import NormalField
-from rona_core.path.densify import densify, insert_waypoints
 from rona_core.path.manual_edits import EditedPath, PathEdits, distances_to_edited, edit_path
-from rona_core.path.painted_regions import PaintedRegions
+from rona_core.path.path_samples import densify, filter_path, insert_waypoints
 from rona_core.path.simplification.error_bound import ErrorBound
 from rona_core.path.simplification.simplify import SimplifiedPath, simplify
-from rona_core.path.temporal_filter import filter_path
+from rona_core.path.zones import PaintedRegions
 from rona_core.session.captures import PointerCapture
 from rona_core.session.document import RawPath, SmoothPath
 

@@ -16,10 +16,8 @@ from rona_core.geometry.pose import Pose
 from rona_core.geometry.rigid_fit import fit_plane
 from rona_core.path.manual_edits import distances_to_edited
 from rona_core.path.scan_patterns import patch_pose
-from rona_core.path.simplification.error_bound import ErrorBound
-from rona_core.path.simplification.segment_distance import as_metric
-from rona_core.path.simplification.simplify import chosen_points
-from rona_core.path.simplification.vertex_decimation import as_keep
+from rona_core.path.simplification.error_bound import ErrorBound, as_metric
+from rona_core.path.simplification.simplify import as_keep, chosen_points
 from rona_core.session.document import Session
 from rona_core.session.memo import Memo
 

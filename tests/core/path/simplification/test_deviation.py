@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from scipy.spatial.distance import directed_hausdorff
 
 from rona_core.errors import InvalidInputError
-from rona_core.path.simplification.deviation import deviations
-from rona_core.path.simplification.segment_distance import (
+from rona_core.path.simplification.error_bound import (
+    deviations,
     distances_to_segment,
     feet_on_segment,
     strip_areas,

@@ -11,9 +11,12 @@ from benchmarks.reference.path.brute_force_simplification import (
 from benchmarks.reference.path.path_coverage import length_mm
 from benchmarks.reference.path.removal_order import removal_order
 from rona_core.errors import InvalidInputError
-from rona_core.path.simplification.deviation import deviations
-from rona_core.path.simplification.error_bound import ROUNDING, ErrorBound
-from rona_core.path.simplification.segment_distance import distances_to_segment
+from rona_core.path.simplification.error_bound import (
+    ROUNDING,
+    ErrorBound,
+    deviations,
+    distances_to_segment,
+)
 from rona_core.path.simplification.simplify import METHODS, simplify
 from tests.helpers.paths import demonstration, deviation, piece_cost
 from tests.helpers.strategies import random_pose, seeds

@@ -31,7 +31,7 @@ from rona_core.app.steps.tool.messages import RegisterTool
 from rona_core.devices.live import LiveState
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.mesh import Mesh
-from rona_core.path.painted_regions import PaintedStroke
+from rona_core.path.zones import PaintedStroke
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
 from rona_ui.panels.path.painting import PaintingControls
