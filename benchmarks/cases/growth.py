@@ -21,7 +21,7 @@ from rona_core.devices.samples import AScanTrack
 from rona_core.geometry.path5d import Path5D
 from rona_core.mapping.build_maps import LocatedDetection, build_maps
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.robot.planning.plan_scan import plan_scan
+from rona_core.robot.planning.plan_motion import plan_scan
 from rona_core.session.document import Session
 from rona_core.ultrasound.detection.detect import Detection, detect
 from rona_core.ultrasound.probe.probe_model import ProbeSurvey

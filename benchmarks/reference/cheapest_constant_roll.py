@@ -3,10 +3,8 @@
 import numpy as np
 
 from rona_core.robot.redundancy.constant_roll import RollEvaluation
-from rona_core.robot.redundancy.cost import RollCost
-from rona_core.robot.redundancy.lattice import RollProblem
-from rona_core.robot.redundancy.optimal_roll import LatticePath, curve_of
-from rona_core.robot.redundancy.result import RankedRoll, RollCurve
+from rona_core.robot.redundancy.optimal_roll import LatticePath, RollProblem, curve_of
+from rona_core.robot.redundancy.result import RankedRoll, RollCost, RollCurve
 
 
 def cheapest_constant(evaluation: RollEvaluation, cost: RollCost) -> RollCurve | None:

@@ -3,7 +3,7 @@
 from rona_core.robot.collision.obstacles import NOTHING_AROUND, Obstacles
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.plan import RobotPlan
-from rona_core.robot.planning.plan_scan import plan_scan
+from rona_core.robot.planning.plan_motion import plan_scan
 from rona_core.robot.verification.tolerances import Tolerances
 from rona_core.robot.verification.verifier import verify_motion, verify_scan
 

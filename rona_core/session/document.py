@@ -31,7 +31,7 @@ from rona_core.mapping.second_pass import SecondPassPath
 from rona_core.path.manual_edits import PathEdits
 from rona_core.path.simplification.simplify import SimplifiedPath
 from rona_core.path.zones import PaintedRegions
-from rona_core.robot.base_placement.candidates import BasePlacement
+from rona_core.robot.base_placement.reachability import BasePlacement
 from rona_core.robot.planning.plan import RobotPlan
 from rona_core.session.captures import (
     BlockCapture,

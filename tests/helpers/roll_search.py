@@ -11,12 +11,9 @@ from rona_core.robot.redundancy.constant_roll import (
     evaluate_constant_rolls,
     working_set_deg,
 )
-from rona_core.robot.redundancy.cost import RollCost
-from rona_core.robot.redundancy.lattice import RollProblem
-from rona_core.robot.redundancy.margins import MarginLimits, joint_path
-from rona_core.robot.redundancy.optimal_roll import BlockedPath, optimal_roll
-from rona_core.robot.redundancy.result import Choice, RollCurve, RollMode, RollSearch
-from rona_core.robot.redundancy.roll_grid import solve_roll_grid
+from rona_core.robot.redundancy.margins import MarginLimits, joint_path, solve_roll_grid
+from rona_core.robot.redundancy.optimal_roll import BlockedPath, RollProblem, optimal_roll
+from rona_core.robot.redundancy.result import Choice, RollCost, RollCurve, RollMode, RollSearch
 from rona_core.robot.redundancy.variable_roll import plan_variable_roll
 
 

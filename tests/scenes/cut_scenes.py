@@ -3,7 +3,7 @@
 import numpy as np
 
 from rona_core.geometry.pose import Pose
-from rona_core.robot.trajectory.cutting_path import CuttingPath
+from rona_core.robot.trajectory.trajectory import CuttingPath
 
 TILT_RAD = np.deg2rad(15.0)
 HIGH_MM = 5.0

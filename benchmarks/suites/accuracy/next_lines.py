@@ -32,7 +32,7 @@ from rona_core.mapping.second_pass import (
     plan_second_pass,
 )
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.robot.planning.plan_scan import plan_scan
+from rona_core.robot.planning.plan_motion import plan_scan
 from rona_core.session.document import Derived, SecondPass, Session
 
 LIMIT_MM = 0.3  # of the deviation that a cell's thickness has for itself

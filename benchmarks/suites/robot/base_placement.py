@@ -7,11 +7,16 @@ import numpy as np
 from benchmarks.metric import Metric, Progress, cpu_ms
 from rona_core.devices.settings import RobotSettings
 from rona_core.geometry.pose import Pose
-from rona_core.robot.base_placement.candidates import BasePlace, BaseSearch, base_pose, path_from
 from rona_core.robot.base_placement.placement import place_base
-from rona_core.robot.base_placement.reachability import CoarseScreening
+from rona_core.robot.base_placement.reachability import (
+    BasePlace,
+    BaseSearch,
+    CoarseScreening,
+    base_pose,
+    path_from,
+)
 from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.robot.planning.plan_scan import plan_scan
+from rona_core.robot.planning.plan_motion import plan_scan
 from tests.scenes.patch_scenes import scene_model, scene_path
 
 HOME = RobotSettings()

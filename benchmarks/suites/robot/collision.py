@@ -9,8 +9,15 @@ from rona_core.devices.workcell import Surroundings
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.geometry.pose import Pose
 from rona_core.robot.collision.collision_world import CollisionWorld
-from rona_core.robot.collision.head_obstacle import LARGE_HEAD_MM, head_from_cloud
-from rona_core.robot.collision.obstacles import Capsule, Hull, Obstacle, Obstacles, table_and_floor
+from rona_core.robot.collision.obstacles import (
+    LARGE_HEAD_MM,
+    Capsule,
+    Hull,
+    Obstacle,
+    Obstacles,
+    head_from_cloud,
+    table_and_floor,
+)
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.trajectory.joint_moves import joint_move

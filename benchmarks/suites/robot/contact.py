@@ -20,7 +20,7 @@ from rona_core.robot.force_control.correction_corridor import correction_corrido
 from rona_core.robot.force_control.gravity_compensation import force_range_n, lever_mm
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.robot.planning.plan_scan import plan_scan
+from rona_core.robot.planning.plan_motion import plan_scan
 from rona_core.robot.trajectory.trajectory import Trajectory
 
 RMS_N, PEAK_N = limit_of("contact_force_rms_n"), limit_of("contact_force_peak_n")

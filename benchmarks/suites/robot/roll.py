@@ -6,16 +6,12 @@ import numpy as np
 
 from benchmarks.metric import Metric, Progress, cpu_ms
 from benchmarks.reference.cheapest_constant_roll import cheapest_constant
-from rona_core.robot.planning.plan_scan import PlanSettings, plan_scan
+from rona_core.robot.planning.plan_motion import PlanSettings, plan_scan
 from rona_core.robot.redundancy.constant_roll import evaluate_constant_rolls, working_set_deg
-from rona_core.robot.redundancy.cost import RollCost
-from rona_core.robot.redundancy.gauss_newton import refine_roll
-from rona_core.robot.redundancy.lattice import RollProblem
-from rona_core.robot.redundancy.margins import MarginLimits
-from rona_core.robot.redundancy.optimal_roll import optimal_roll
-from rona_core.robot.redundancy.result import RollCurve
-from rona_core.robot.redundancy.roll_grid import solve_roll_grid
-from rona_core.robot.redundancy.variable_roll import plan_variable_roll
+from rona_core.robot.redundancy.margins import MarginLimits, solve_roll_grid
+from rona_core.robot.redundancy.optimal_roll import RollProblem, optimal_roll
+from rona_core.robot.redundancy.result import RollCost, RollCurve
+from rona_core.robot.redundancy.variable_roll import plan_variable_roll, refine_roll
 from tests.scenes.patch_scenes import N_ROLLS, SCENES, WayPoints, scene_model, scene_path
 
 LONG_SCENES = ("S0", "S4")  # with 306 way-points

@@ -15,8 +15,8 @@ from rona_core.robot.redundancy.constant_roll import (
     working_set_deg,
 )
 from rona_core.robot.redundancy.margins import MarginLimits, joint_path
-from rona_core.robot.trajectory.corner_blend import blend_corners
 from rona_core.robot.trajectory.scan_timing import ScanSettings, time_scan
+from rona_core.robot.trajectory.time_parameterization import blend_corners
 from rona_core.robot.trajectory.trajectory import Trajectory
 from tests.scenes.patch_scenes import N_ROLLS, scene_model, scene_path
 

@@ -10,11 +10,13 @@ from rona_core.devices.workcell import workcell_pose
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.arrays import Vector3
 from rona_core.geometry.surface.cloud import SurfaceCloud
-from rona_core.robot.collision.head_obstacle import head_as_placed, head_from_cloud, head_from_mesh
 from rona_core.robot.collision.obstacles import (
     Obstacle,
     Obstacles,
     added_boxes,
+    head_as_placed,
+    head_from_cloud,
+    head_from_mesh,
     table_and_floor,
     tracker_stand,
 )

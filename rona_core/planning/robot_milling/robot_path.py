@@ -10,7 +10,7 @@ from rona_core.geometry.arrays import Floats, Ints, readonly
 from rona_core.geometry.pose import Pose
 from rona_core.planning.milling.milling_path import MillingPath, Move
 from rona_core.robot.collision.obstacles import Capsule, Hull, Obstacle, Obstacles
-from rona_core.robot.trajectory.cutting_path import CuttingPath
+from rona_core.robot.trajectory.trajectory import CuttingPath
 
 # Beyond the deepest place of the burr, so that no distance of its body decides: that it never goes
 # below its path is looked at by itself, and closer.

@@ -15,15 +15,17 @@ from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.devices.settings import RobotSettings
 from rona_core.geometry.arrays import Bools, Floats, readonly
 from rona_core.geometry.path5d import Path5D, resample_path
-from rona_core.robot.base_placement.candidates import (
+from rona_core.robot.base_placement.reachability import (
     FARTHEST_MM,
     BasePlace,
     BasePlacement,
     BaseSearch,
+    Planner,
+    ReachabilityMap,
+    Spot,
 )
-from rona_core.robot.base_placement.reachability import Planner, ReachabilityMap, Spot
 from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.robot.planning.plan_scan import PlanSettings, plan_scan
+from rona_core.robot.planning.plan_motion import PlanSettings, plan_scan
 
 HALVINGS = 5  # of the smallest move
 DIRECTIONS, SHARES = 16, (0.4, 0.6, 0.8)  # looked at for a smaller move

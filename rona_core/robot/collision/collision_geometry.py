@@ -16,12 +16,9 @@ from scipy.spatial import ConvexHull, QhullError
 from rona_core.devices.trackers import GEOMETRIES
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Floats, readonly
-from rona_core.robot.collision.solids import Solid, force_sensor
-from rona_core.robot.collision.ur_solids import ur_solids
-from rona_core.robot.kinematics.milling_tool import Spindle
-from rona_core.robot.kinematics.offset_wrist import ParallelArm
-from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.robot.kinematics.spherical_wrist import SphericalWristArm
+from rona_core.robot.collision.solids import Solid, force_sensor, ur_solids
+from rona_core.robot.kinematics.robot_model import RobotModel, Spindle
+from rona_core.robot.kinematics.wrists import ParallelArm, SphericalWristArm
 
 CORNERS = 12  # of the prisms that stand for drums, drawn about them
 DELAY_LINE, PROBE_BODY, PROBE, TOOL_LINK = "delay line", "probe body", "probe", 6

@@ -3,15 +3,156 @@
 One step a control period, in: what sensor and robot say; out: a speed along the tool axis and a
 share of the scan speed. It knows nothing of where the surface really is. See
 docs/algorithms/robot/force_control.md.
+
+How hard the force loop may pull: gains from delay and stiffness, and the speed that follows. The
+contact is a spring K behind a robot that integrates speed after a dead time: F/v = K e^{-sT}/s. See
+docs/algorithms/robot/force_control.md.
 """
 
+import math
 from dataclasses import dataclass
 
+import numpy as np
+
+from rona_core.devices.limits import require
 from rona_core.devices.settings import ContactSettings
-from rona_core.devices.wrench import APPROACH, CONTACT, LOST, STOPPED
+from rona_core.devices.wrench import APPROACH, CONTACT, JR3, LOST, STOPPED
 from rona_core.geometry.arrays import clamped
-from rona_core.robot.force_control.gains import contact_gain, feed_share
-from rona_core.robot.force_control.stiffness import StiffnessEstimate
+
+GAIN_SHARE = 0.3  # of the gain at which the loop oscillates undamped
+RESET_DELAYS = 5.0  # integration time over the dead time
+ERROR_MM, ERROR_LENGTH_MM = 2.0, 60.0  # misplaced surface that is reckoned with: a wave
+ALLOWED_RMS_N = 0.7  # of the force over such a surface; a stiffer contact is scanned slower
+LEAST_SHARE = 0.02  # of the scan speed
+
+
+def dead_time_s(settings: ContactSettings) -> float:
+    """Return the dead time of the loop: transport, half a period, the robot and the filter."""
+    own_ms = settings.delay_ms + settings.period_ms / 2.0 + settings.lag_ms
+    return own_ms / 1000.0 + 1.0 / (2.0 * math.pi * JR3.cutoff_hz)
+
+
+@dataclass(frozen=True, slots=True)
+class ContactGain:
+    """Proportional (mm/s/N) and integral (mm/s^2/N) gain, and the gain at which it would ring."""
+
+    proportional: float
+    integral: float
+    critical: float
+
+
+def contact_gain(stiffness_n_per_mm: float, settings: ContactSettings) -> ContactGain:
+    """Return the gains for a contact of this stiffness: k_crit = pi / (2 K T)."""
+    delay_s = dead_time_s(settings)
+    critical = math.pi / (2.0 * stiffness_n_per_mm * delay_s)
+    proportional = GAIN_SHARE * critical
+    return ContactGain(proportional, proportional / (RESET_DELAYS * delay_s), critical)
+
+
+def speed_limit_mm_per_s(stiffness_n_per_mm: float, settings: ContactSettings) -> float:
+    """Return the scan speed at which the wavy surface costs the RMS force error that is allowed.
+
+    The loop answers a surface moving as w(s) with the force error K s^2 w / (s^2 + c s + c / T_i),
+    c = K k_p; the dead time is left out, as it matters only far above the wave's frequency. A
+    contact so soft that the error is never reached has no limit: infinity.
+    """
+    gain = contact_gain(stiffness_n_per_mm, settings)
+    c = stiffness_n_per_mm * gain.proportional
+    b = stiffness_n_per_mm * gain.integral
+    allowed2 = 2.0 * ALLOWED_RMS_N**2
+    # |e|^2 = allowed2 is a quadratic in omega^2
+    a2 = (stiffness_n_per_mm * ERROR_MM) ** 2 - allowed2
+    a1 = -allowed2 * (c**2 - 2.0 * b)
+    a0 = -allowed2 * b**2
+    if a2 <= 0.0:
+        return float("inf")  # such a soft contact never reaches it
+    root = (-a1 + math.sqrt(a1**2 - 4.0 * a2 * a0)) / (2.0 * a2)
+    return math.sqrt(root) * ERROR_LENGTH_MM / (2.0 * math.pi)
+
+
+def feed_share(
+    stiffness_n_per_mm: float, settings: ContactSettings, speed_mm_per_s: float
+) -> float:
+    """Return the share of the scan speed at which this contact can be kept, LEAST_SHARE to 1."""
+    if speed_mm_per_s <= 0.0:
+        return 1.0
+    limit = speed_limit_mm_per_s(stiffness_n_per_mm, settings)
+    return clamped(limit / speed_mm_per_s, LEAST_SHARE, 1.0)
+
+
+LOWEST, HIGHEST = 0.1, 400.0  # N/mm that are believed
+HIGH_PASS_S = 0.15  # slower motion follows the surface and says nothing of the spring
+MEMORY_S = 0.5
+LEAST_MOTION_MM = 0.02  # rms, below which only noise is compared
+LEAST_CORRELATION = 0.8  # between force and travel; following a surface they are out of step
+RISE_S = 0.1  # a stiffer contact is believed at once; a softer one after the next touch-down
+NOTHING = (0.0, 0.0, 0.0, 0.0, 0.0)  # n, z, F, zz, zF of a touch-down that has not begun
+
+
+class StiffnessEstimate:
+    """Stiffness in N/mm from pressing force and place of the probe along the tool axis.
+
+    Touching down on a surface that keeps still, force over place is a line: its slope counts.
+    Afterwards travel and force are compared above 1 Hz. Where the robot follows a surface, force
+    and travel are a quarter of a period apart and tell nothing; where the loop begins to ring,
+    they go together, and their ratio is the stiffness. What they say can only be too low, because
+    part of the travel follows the surface: so it raises the estimate and never lowers it.
+    """
+
+    def __init__(self, expected_n_per_mm: float, period_s: float) -> None:
+        """Start from what is expected before anything is known."""
+        require(LOWEST <= expected_n_per_mm <= HIGHEST, "stiffness must be 0.1 to 400 N/mm")
+        self.n_per_mm = expected_n_per_mm
+        self._keep = float(np.exp(-period_s / HIGH_PASS_S))
+        self._fade = float(np.exp(-period_s / MEMORY_S))
+        self._rise = 1.0 - float(np.exp(-period_s / RISE_S))
+        self._sums = NOTHING
+        self._last: tuple[float, float] | None = None
+        self._high = (0.0, 0.0)
+        self._moments = (0.0, 0.0, 0.0)
+
+    def touching(self, place_mm: float, force_n: float) -> None:
+        """Learn from one step of the touch-down; ``place_mm`` grows into the surface."""
+        z, f = place_mm, force_n
+        n, sz, sf, szz, szf = self._sums
+        n, sz, sf, szz, szf = n + 1.0, sz + z, sf + f, szz + z * z, szf + z * f
+        self._sums = n, sz, sf, szz, szf
+        spread = n * szz - sz**2
+        if n >= 3 and spread > (n * LEAST_MOTION_MM) ** 2:
+            self._believe((n * szf - sz * sf) / spread)
+
+    def touch_again(self) -> None:
+        """Forget the line of the last touch-down, not what it taught."""
+        self._sums = NOTHING
+        self._last = None
+
+    def watching(self, travel_mm: float, force_n: float) -> None:
+        """Learn from one step of the scan."""
+        if self._last is not None:
+            high_z = self._keep * (self._high[0] + travel_mm - self._last[0])
+            high_f = self._keep * (self._high[1] + force_n - self._last[1])
+            self._high = high_z, high_f
+            zz, zf, ff = self._moments
+            self._moments = (
+                self._fade * zz + high_z * high_z,
+                self._fade * zf + high_z * high_f,
+                self._fade * ff + high_f * high_f,
+            )
+            self._judge()
+        self._last = travel_mm, force_n
+
+    def _judge(self) -> None:
+        zz, zf, ff = self._moments
+        weight = 1.0 / (1.0 - self._fade)
+        if zz < weight * LEAST_MOTION_MM**2 or zf < LEAST_CORRELATION * math.sqrt(zz * ff):
+            return
+        seen = zf / zz
+        if seen > self.n_per_mm:
+            self._believe(self.n_per_mm + self._rise * (seen - self.n_per_mm))
+
+    def _believe(self, n_per_mm: float) -> None:
+        self.n_per_mm = clamped(n_per_mm, LOWEST, HIGHEST)
+
 
 TOUCH_N = 0.3  # from here on something is touched: ten times the noise of the sensor
 PRESSED_SHARE = 0.5  # of the set point at which the touch-down ends and control begins

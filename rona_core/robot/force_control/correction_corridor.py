@@ -19,8 +19,7 @@ from rona_core.robot.kinematics.arm import wrapped
 from rona_core.robot.kinematics.pinocchio_model import PinocchioArm
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.trajectory.trajectory import Trajectory, motion_digest
-from rona_core.robot.verification.certificate import Certificate, Check
-from rona_core.robot.verification.robot_digest import robot_digest
+from rona_core.robot.verification.certificate import Certificate, Check, robot_digest
 
 LEVELS = 5  # corrections at which the joint angles are kept, odd: the middle is the motion itself
 NARROWEST_MM = 3.0  # with less, neither set point nor map error fits in

@@ -7,9 +7,8 @@ from rona_core.devices.robots import ROBOTS, UNIVERSAL
 from rona_core.errors import InvalidInputError
 from rona_core.robot.kinematics import rx90
 from rona_core.robot.kinematics import universal_robots as ur
-from rona_core.robot.kinematics.milling_tool import Spindle
 from rona_core.robot.kinematics.parameter_sources import Figure
-from rona_core.robot.kinematics.robot_model import RobotModel
+from rona_core.robot.kinematics.robot_model import RobotModel, Spindle
 
 
 def robot_model(name: str = "rx90", overrides: Mapping[str, object] | None = None) -> RobotModel:

@@ -17,7 +17,7 @@ from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.robot.kinematics.spherical_wrist import SphericalWristArm
+from rona_core.robot.kinematics.wrists import SphericalWristArm
 
 MM_PER_M = 1000.0
 BASE_LINK, FLANGE_LINK = "base_link", "tool0"  # as ROS-Industrial names base and flange face

@@ -1,16 +1,130 @@
-"""A robot as the planner sees it: kinematics, limits, rest pose and the tool on its flange."""
+"""A robot as the planner sees it: kinematics, limits, rest pose and the tool on its flange.
 
+The milling tool in the robot's hand: a motor spindle with its burr, clamped in the tool holder.
+RONA holds a surgical motor of 30000 rpm (Aesculap microtron EC/GD622) perpendicular to the flange;
+its drawing is not published. Every length here is assumed, for the reason beside it, and rather too
+thick than too thin. The tip is that of the calibrated tool: a stop in the spindle brings every burr
+to the same length.
+"""
+
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rona_core.devices.limits import require_within
 from rona_core.devices.trackers import GEOMETRIES
-from rona_core.geometry.arrays import Floats, as_vector3
+from rona_core.errors import InvalidInputError
+from rona_core.geometry.arrays import Bools, Floats, as_floats, as_vector3, readonly
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.robot.kinematics.arm import Arm, IkSolutions, as_posture, wrapped
-from rona_core.robot.kinematics.joint_limits import JointLimits
-from rona_core.robot.kinematics.milling_tool import Spindle
+
+TURN_RAD = 2.0 * np.pi
+NEARLY_ROUND_RAD = np.deg2rad(300.0)  # a joint with this range may pass the far side at +-180
+EDGE_RAD = 1e-9  # rounding that is forgiven at a limit
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointLimits:
+    """Position, speed and acceleration limits of the six joints; every array is (6,)."""
+
+    lower_rad: Floats
+    upper_rad: Floats
+    speed_rad_per_s: Floats
+    acceleration_rad_per_s2: Floats
+
+    def __post_init__(self) -> None:
+        for name in ("lower_rad", "upper_rad", "speed_rad_per_s", "acceleration_rad_per_s2"):
+            values = as_floats(getattr(self, name), name=name)
+            if values.shape != (6,):
+                raise InvalidInputError(f"{name} must have shape (6,), not {values.shape}")
+            object.__setattr__(self, name, readonly(values))
+        if (self.lower_rad >= self.upper_rad).any():
+            raise InvalidInputError("each lower joint limit must lie below the upper one")
+        if min(self.speed_rad_per_s.min(), self.acceleration_rad_per_s2.min()) <= 0.0:
+            raise InvalidInputError("speed and acceleration limits must be positive")
+
+    def clearance_rad(self, qs_rad: ArrayLike) -> Floats:
+        """Return the distance (..., 6) to the nearer limit; negative outside."""
+        qs = np.asarray(qs_rad, dtype=np.float64)
+        return np.minimum(qs - self.lower_rad, self.upper_rad - qs)
+
+    def multi_turn(self) -> Bools:
+        """Return which joints (6,) have a range of more than one turn."""
+        return self.upper_rad - self.lower_rad > TURN_RAD + EDGE_RAD
+
+    def spinning(self) -> tuple[int, ...]:
+        """Return the joints (0 to 5) for which +180 and -180 degrees are one place on a path."""
+        return tuple(np.flatnonzero(self.upper_rad - self.lower_rad >= NEARLY_ROUND_RAD).tolist())
+
+
+def shift_to_fit(angles_rad: Floats, lower_rad: float, upper_rad: float) -> Floats:
+    """Return continuous angles (n, b) of one joint, each column shifted by full turns.
+
+    A column that fits between the limits is shifted to where its clearance is largest, any other
+    one to where it stays inside for longest from the start.
+    """
+    middle = (lower_rad + upper_rad) / 2.0
+    low, high = angles_rad.min(axis=0), angles_rad.max(axis=0)
+    turns = np.round((middle - (low + high) / 2.0) / TURN_RAD)
+    shifted = angles_rad + TURN_RAD * turns
+    outside = (low + TURN_RAD * turns < lower_rad) | (high + TURN_RAD * turns > upper_rad)
+    if outside.any():
+        shifted[:, outside] = _longest_inside(angles_rad[:, outside], lower_rad, upper_rad)
+    return shifted
+
+
+def _longest_inside(angles_rad: Floats, lower_rad: float, upper_rad: float) -> Floats:
+    """Return curves (n, b), each shifted so that it leaves the limits as late as possible."""
+    middle = (lower_rad + upper_rad) / 2.0
+    nearest = np.round((middle - angles_rad[0]) / TURN_RAD)
+    best, survived = nearest, np.full(angles_rad.shape[1], -1, dtype=np.int64)
+    for turns in (nearest, nearest - 1.0, nearest + 1.0):
+        candidate = angles_rad + TURN_RAD * turns
+        outside = (candidate < lower_rad) | (candidate > upper_rad)
+        first = np.where(outside.any(axis=0), outside.argmax(axis=0), len(outside))
+        best = np.where(first > survived, turns, best)
+        survived = np.maximum(first, survived)
+    return angles_rad + TURN_RAD * best
+
+
+Profile = tuple[tuple[float, float], ...]  # radius and height in mm, in ``tip``
+
+OCTAGON = math.tan(math.pi / 8.0)  # half a side of an octagon about a circle of radius 1
+BODY: Profile = (
+    (4.0, -30.0),  # nose: a chuck of 6 mm for shanks of 2.35 mm, with its bearing
+    (5.0, -45.0),  # slim, so that the surgeon sees the burr
+    (10.0, -70.0),  # handpieces are as thick as a pencil grip there
+    (13.0, -91.0),  # where the holder clamps, like the probe: its ring is 28 mm thick
+    (13.0, -150.0),  # motor: these are 20 to 25 mm thick, and stand out behind the holder
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Spindle:
+    """Motor, nose, and the burr that stands out of it; turned about z of ``tip``."""
+
+    burr_radius_mm: float = 2.5  # of the largest burr that is used
+    shank_radius_mm: float = 1.2  # of the common shank of 2.35 mm; smaller balls have thinner necks
+    body: Profile = BODY  # begins at the nose, out of which the burr stands
+
+    def __post_init__(self) -> None:
+        require_within("burr_radius_mm", self.burr_radius_mm, 0.25, 6.0)
+        require_within("shank_radius_mm", self.shank_radius_mm, 0.1, 3.0)
+
+    @property
+    def burr(self) -> Profile:
+        """Return the burr, a ball within eight tangents, with its shank up to the nose."""
+        radius, (_, nose_mm) = self.burr_radius_mm, self.body[0]
+        near, far = radius * (1.0 - OCTAGON), radius * (1.0 + OCTAGON)
+        return (
+            (radius * OCTAGON, 0.0),
+            (radius, -near),
+            (radius, -far),
+            (self.shank_radius_mm, nose_mm),
+        )
+
 
 Place = tuple[float, float, float]
 

@@ -10,14 +10,14 @@ from dataclasses import astuple, fields
 import numpy as np
 
 from rona_core.geometry.arrays import Floats, readonly
-from rona_core.robot.kinematics.joint_limits import JointLimits
 from rona_core.robot.kinematics.parameter_sources import Figure, arrays_of, of_one_type, overridden
 from rona_core.robot.kinematics.robot_model import (
     TOOL_TIP_FLANGE_MM,
+    JointLimits,
     RobotModel,
     perpendicular_tool,
 )
-from rona_core.robot.kinematics.spherical_wrist import SphericalWristArm
+from rona_core.robot.kinematics.wrists import SphericalWristArm
 
 MANUAL = "drawing of the RX90B manual, Figure 2.3 (copy in sdobz/staubli_robot)"
 LIMITS = "rx90l.py of dimpap5555/Staubli-RX90L-Simulator; luismarzo/rx90 agrees in J1 to J4 and J6"

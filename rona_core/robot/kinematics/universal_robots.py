@@ -16,16 +16,16 @@ import pinocchio as pin
 from rona_core.devices.robots import UNIVERSAL
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import readonly
-from rona_core.robot.kinematics.joint_limits import JointLimits
-from rona_core.robot.kinematics.offset_wrist import ParallelArm
 from rona_core.robot.kinematics.parameter_sources import Figure, arrays_of, of_one_type, overridden
 from rona_core.robot.kinematics.pinocchio_model import MM_PER_M, read_urdf
 from rona_core.robot.kinematics.robot_model import (
     TOOL_TIP_FLANGE_MM,
+    JointLimits,
     RobotModel,
     WorkArea,
     perpendicular_tool,
 )
+from rona_core.robot.kinematics.wrists import ParallelArm
 
 PACKAGE = "example-robot-data"
 FOLDER = Path("share") / PACKAGE / "robots" / "ur_description" / "urdf"

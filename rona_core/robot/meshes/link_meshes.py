@@ -21,12 +21,10 @@ from rona_core.robot.collision.solids import (
     rod,
     slab,
     turned,
+    ur_solids,
 )
-from rona_core.robot.collision.ur_solids import ur_solids
-from rona_core.robot.kinematics.milling_tool import Spindle
-from rona_core.robot.kinematics.offset_wrist import ParallelArm
-from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.robot.kinematics.spherical_wrist import SphericalWristArm
+from rona_core.robot.kinematics.robot_model import RobotModel, Spindle
+from rona_core.robot.kinematics.wrists import ParallelArm, SphericalWristArm
 
 Rgb = tuple[int, int, int]
 

@@ -6,12 +6,10 @@ import numpy as np
 
 from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.robot.kinematics.arm import IkSolutions
-from rona_core.robot.kinematics.joint_limits import TURN_RAD, JointLimits
-from rona_core.robot.redundancy.lattice import RollProblem, band_of
-from rona_core.robot.redundancy.margins import ROUNDED_MM, MarginLimits
-from rona_core.robot.redundancy.optimal_roll import BlockedPath
+from rona_core.robot.kinematics.robot_model import TURN_RAD, JointLimits
+from rona_core.robot.redundancy.margins import ROUNDED_MM, MarginLimits, RollGrid
+from rona_core.robot.redundancy.optimal_roll import BlockedPath, RollProblem, band_of
 from rona_core.robot.redundancy.result import Reason, RollCurve, RollVerdict
-from rona_core.robot.redundancy.roll_grid import RollGrid
 
 NAME = "varying roll"
 SLIGHT = 1e-9  # margin that is missing where a path ends, at least

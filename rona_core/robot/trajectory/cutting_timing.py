@@ -14,13 +14,15 @@ from rona_core.geometry.arrays import Floats, Ints, readonly
 from rona_core.geometry.path5d import Path5D, UpheldPath5D, subdivided
 from rona_core.robot.collision.edge_check import Clear, outside_bone
 from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.robot.trajectory.corner_blend import blend_corners
-from rona_core.robot.trajectory.cutting_path import CuttingPath
 from rona_core.robot.trajectory.joint_moves import chain, clear_move
-from rona_core.robot.trajectory.lines_back import retract_line
-from rona_core.robot.trajectory.scan_timing import ScanSettings, sample_path, timed_line
-from rona_core.robot.trajectory.time_parameterization import SpeedLimits, kept
-from rona_core.robot.trajectory.trajectory import SAMPLE_S, Trajectory
+from rona_core.robot.trajectory.scan_timing import (
+    ScanSettings,
+    retract_line,
+    sample_path,
+    timed_line,
+)
+from rona_core.robot.trajectory.time_parameterization import SpeedLimits, blend_corners, kept
+from rona_core.robot.trajectory.trajectory import SAMPLE_S, CuttingPath, Trajectory
 
 DENSE_MM = 0.3  # of way, between places whose joint angles are solved
 LONGEST = 16  # samples that one straight stretch may stand for,

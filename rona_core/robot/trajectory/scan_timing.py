@@ -8,22 +8,81 @@ from dataclasses import dataclass
 import numpy as np
 
 from rona_core.devices.limits import require
-from rona_core.errors import InvalidInputError
+from rona_core.errors import InvalidInputError, NotReachableError
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.geometry.path5d import Path5D
+from rona_core.geometry.pose import Poses
 from rona_core.robot.collision.edge_check import Clear, outside_bone
 from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.robot.trajectory.corner_blend import blend_corners
 from rona_core.robot.trajectory.joint_moves import chain, clear_move, sample_times
-from rona_core.robot.trajectory.lines_back import LINE_STEP_MM, retract_line
 from rona_core.robot.trajectory.time_parameterization import (
     MERGED,
     SpeedLimits,
     TimedPath,
+    blend_corners,
     kept,
     parameterize_time,
 )
-from rona_core.robot.trajectory.trajectory import SAMPLE_S, Trajectory
+from rona_core.robot.trajectory.trajectory import SAMPLE_S, Trajectory, sampled_motion
+
+LINE_STEP_MM = 1.0  # between the places of a straight line
+LEAST_STANDOFF_MM = 5.0  # of a scan, at both ends of the path
+JUMP_RAD = float(np.deg2rad(10.0))  # within a millimetre: another branch of the arm
+
+
+def retract_line(
+    model: RobotModel, q_contact_rad: Floats, standoff_mm: float, clear: Clear | None
+) -> Floats:
+    """Return joint angles (m, 6) straight back along the probe axis, ``LINE_STEP_MM`` apart.
+
+    The line ends at the stand-off, or earlier where the joints allow no more or something is
+    touched.
+
+    Raises:
+        NotReachableError: not even the shortest stand-off is possible.
+    """
+    line, back_mm = line_back(model, q_contact_rad, standoff_mm, clear)
+    require_standoff(back_mm)
+    return line
+
+
+def require_standoff(back_mm: float) -> None:
+    """Raise NotReachableError where a line back is shorter than the shortest stand-off."""
+    if back_mm < LEAST_STANDOFF_MM:
+        raise NotReachableError(
+            f"the tool can only be drawn back by {back_mm:g} mm from "
+            f"one end of the path, {LEAST_STANDOFF_MM:g} mm are needed"
+        )
+
+
+def line_back(
+    model: RobotModel, q_rad: Floats, most_mm: float, clear: Clear | None
+) -> tuple[Floats, float]:
+    """Return joint angles (m, 6) straight back as far as possible, and that distance."""
+    return clear_part(lines_back(model, q_rad[None], most_mm)[0], clear)
+
+
+def clear_part(line: Floats, clear: Clear | None) -> tuple[Floats, float]:
+    """Return how much of a line back (m, 6) touches nothing, and that distance."""
+    free = np.ones(len(line), dtype=np.bool_) if clear is None else clear(line)
+    line = line if free.all() else line[: int(np.argmin(free))]
+    return line, max(0, len(line) - 1) * LINE_STEP_MM
+
+
+def lines_back(model: RobotModel, qs_rad: Floats, most_mm: float) -> list[Floats]:
+    """Return joint angles (m, 6) straight back from each of k postures (k, 6), whatever is there.
+
+    Each begins with its posture and goes as far as the joints allow.
+    """
+    Ts_base_probe = model.forward(qs_rad) @ model.T_flange_probe
+    backs_mm = np.arange(LINE_STEP_MM, most_mm + LINE_STEP_MM / 2.0, LINE_STEP_MM)
+    axes = Ts_base_probe.rotations[:, :, 2]
+    places = Ts_base_probe.translations[:, None] - backs_mm[:, None] * axes[:, None]
+    rotations = np.repeat(Ts_base_probe.rotations, len(backs_mm), axis=0)
+    probes = Poses.unchecked(rotations, places.reshape(-1, 3))
+    ways = model.follow_each(probes @ model.T_flange_probe.inv(), qs_rad, JUMP_RAD)
+    return [np.vstack((q_rad, way)) for q_rad, way in zip(qs_rad, ways, strict=True)]
+
 
 SLOWER = 6  # times that a motion is slowed down until its samples keep all limits
 SHARE_ASKED = 1.0 - 1e-9
@@ -185,3 +244,29 @@ def _way(path: Path5D) -> Floats:
     steps_mm, turns_rad = path.steps()
     turns_rad[turns_rad < 1e-6] = 0.0  # rounding, not a turn
     return np.concatenate(([0.0], np.cumsum(np.maximum(steps_mm, TURN_WAY_MM * turns_rad))))
+
+
+RETRACT_AFTER_STOP_MM = 30.0  # as far as the stand-off of a scan
+
+
+def retract_after_stop(
+    model: RobotModel, q_rad: Floats, clear: Clear, retract_mm: float = RETRACT_AFTER_STOP_MM
+) -> Trajectory:
+    """Plan the motion straight back along the probe axis, at the speed of an approach.
+
+    Args:
+        model: The robot with its tool.
+        q_rad: Joint angles (6,) where it stands.
+        clear: Maps joint angles (n, 6) to where nothing is touched that must not be.
+        retract_mm: How far to go.
+
+    Raises:
+        NotReachableError: the joints or something in the way do not allow the whole way.
+    """
+    line, back_mm = line_back(model, q_rad, retract_mm, clear)
+    if back_mm < retract_mm - LINE_STEP_MM / 2.0:
+        raise NotReachableError(
+            f"the probe can be drawn back by {back_mm:g} mm only from where it stands, "
+            f"{retract_mm:g} mm are needed: move the robot away by hand"
+        )
+    return sampled_motion(timed_line(line, ScanSettings(), model))

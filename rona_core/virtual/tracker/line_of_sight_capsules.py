@@ -10,10 +10,9 @@ from numpy.typing import ArrayLike
 
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, Ints, readonly
-from rona_core.robot.collision.ur_solids import SPREAD, radii_mm
-from rona_core.robot.kinematics.offset_wrist import ParallelArm
+from rona_core.robot.collision.solids import SPREAD, radii_mm
 from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.robot.kinematics.spherical_wrist import SphericalWristArm
+from rona_core.robot.kinematics.wrists import ParallelArm, SphericalWristArm
 
 Part = tuple[int, ArrayLike, ArrayLike, float]  # link, start, end, radius in mm
 

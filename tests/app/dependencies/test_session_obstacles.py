@@ -23,9 +23,9 @@ from rona_core.errors import NotReachableError
 from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.robot.kinematics.milling_tool import Spindle
+from rona_core.robot.kinematics.robot_model import Spindle
 from rona_core.robot.planning.calibration_motion import ToolMotionSettings, plan_tool_motion
-from rona_core.robot.planning.plan_scan import PlanSettings, plan_scan
+from rona_core.robot.planning.plan_motion import PlanSettings, plan_scan
 from rona_core.robot.verification.tolerances import Tolerances
 from rona_core.robot.verification.verifier import verify_scan
 from rona_core.session.codec import digest

@@ -19,7 +19,7 @@ from rona_core.devices.protocols import never, silent
 from rona_core.planning.rehearsal.floor_line import FloorLine
 from rona_core.planning.rehearsal.site import ProbeWay
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.robot.planning.plan_scan import plan_scan
+from rona_core.robot.planning.plan_motion import plan_scan
 from rona_core.robot.verification.verifier import verify_scan
 from rona_core.session.codec import digest
 from rona_core.session.files import session_bytes, session_from_bytes

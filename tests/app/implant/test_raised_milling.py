@@ -21,8 +21,8 @@ from rona_core.evaluation.milling.rehearsal_metrics import milled_again, rehears
 from rona_core.evaluation.truth import truth_of
 from rona_core.planning.rehearsal.floor_line import FloorLine
 from rona_core.planning.robot_milling.robot_path import milling_obstacles
-from rona_core.robot.planning.plan_cutting import CuttingPlanSettings
-from rona_core.robot.verification.cutting_verifier import verify_cutting
+from rona_core.robot.planning.plan_motion import CuttingPlanSettings
+from rona_core.robot.verification.verifier import verify_cutting
 from rona_core.session.codec import digest
 from rona_core.session.files import session_bytes, session_from_bytes
 from tests.scenes import demo_parts

@@ -43,7 +43,7 @@ from rona_core.mapping.accuracy.probe_place import OTHER_POSTURE
 from rona_core.mapping.second_pass import standoffs_mm
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.link_errors import alike
-from rona_core.robot.redundancy.other_roll import with_other_roll
+from rona_core.robot.redundancy.scan_postures import with_other_roll
 from rona_core.session.codec import digest
 from rona_core.session.files import load_session, session_bytes, session_from_bytes
 from tests.app.maps.further import half_of, mapped_again

@@ -22,7 +22,7 @@ from rona_core.errors import (
     StaleResultError,
     StepBlockedError,
 )
-from rona_core.robot.base_placement.candidates import base_pose
+from rona_core.robot.base_placement.reachability import base_pose
 from rona_core.session.document import Session
 from rona_core.session.files import load_session, save_session
 

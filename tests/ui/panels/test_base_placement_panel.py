@@ -9,7 +9,7 @@ from rona_core.app.steps.roll.base_placement import placement_view
 from rona_core.app.steps.roll.messages import ApplyBasePlacement, StartBasePlacement
 from rona_core.devices.settings import DeviceSettings, RobotSettings
 from rona_core.geometry.pose import Pose
-from rona_core.robot.base_placement.candidates import BasePlace, BasePlacement
+from rona_core.robot.base_placement.reachability import BasePlace, BasePlacement
 from rona_core.session.document import Derived, Results, Session, Setup
 from rona_ui.panels.roll.roll import (
     BasePlacementControls,

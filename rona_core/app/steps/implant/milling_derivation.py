@@ -16,7 +16,7 @@ from rona_core.planning.milling.milling_path import MillingPath
 from rona_core.planning.robot_milling.robot_path import milling_obstacles
 from rona_core.robot.kinematics.catalog import milling_robot
 from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.robot.planning.plan_cutting import CuttingPlanSettings, plan_cutting
+from rona_core.robot.planning.plan_motion import CuttingPlanSettings, plan_cutting
 
 NONE = np.zeros(0)
 

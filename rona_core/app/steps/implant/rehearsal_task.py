@@ -32,8 +32,7 @@ from rona_core.planning.rehearsal.rehearse import MillingTask, PlanFloorScan, Ra
 from rona_core.planning.rehearsal.site import BurrWay, ProbeWay
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.plan import RobotPlan
-from rona_core.robot.planning.plan_cutting import CuttingPlanSettings
-from rona_core.robot.planning.plan_scan import plan_scan
+from rona_core.robot.planning.plan_motion import CuttingPlanSettings, plan_scan
 from rona_core.session.document import Session
 
 FLOOR_ROLLS = 24  # of the probe: the floor is small, so a roll works over all of it or nowhere

@@ -22,7 +22,7 @@ from rona_core.mapping.build_maps import LocatedDetection
 from rona_core.mapping.second_pass import SecondPassPath, plan_along, plan_second_pass
 from rona_core.path.zones import PaintedRegions
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.robot.planning.plan_scan import plan_scan
+from rona_core.robot.planning.plan_motion import plan_scan
 from rona_core.robot.redundancy.scan_postures import ScanPostures
 from rona_core.session.document import SecondPass
 

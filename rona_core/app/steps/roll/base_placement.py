@@ -25,7 +25,7 @@ from rona_core.devices.settings import RobotSettings
 from rona_core.errors import NotReachableError
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.pose import Pose
-from rona_core.robot.base_placement.candidates import (
+from rona_core.robot.base_placement.reachability import (
     BasePlace,
     BasePlacement,
     base_pose,

@@ -6,7 +6,7 @@ from rona_core.app.steps.roll.messages import StartRollSearch
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.plan import RobotPlan
-from rona_core.robot.planning.plan_scan import PlanSettings, choose_roll, plan_scan
+from rona_core.robot.planning.plan_motion import PlanSettings, choose_roll, plan_scan
 from rona_core.robot.trajectory.scan_timing import ScanSettings
 
 

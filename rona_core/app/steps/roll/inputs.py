@@ -10,7 +10,7 @@ from rona_core.app.steps.path.inputs import SMOOTHING
 from rona_core.app.steps.roll.messages import StartRollSearch
 from rona_core.app.steps.setup.inputs import BASE, MODEL, OBSTACLES, SCAN_SPEED
 from rona_core.devices.settings import RobotSettings
-from rona_core.robot.base_placement.candidates import BasePlacement
+from rona_core.robot.base_placement.reachability import BasePlacement
 from rona_core.robot.collision.obstacles import Obstacles
 from rona_core.robot.planning.plan import RobotPlan
 from rona_core.session.document import Session, SmoothPath

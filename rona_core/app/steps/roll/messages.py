@@ -5,7 +5,7 @@ from typing import Literal
 
 from rona_core.app.messages.message import message
 from rona_core.devices import limits
-from rona_core.robot.base_placement.candidates import MAX_PLACES, BaseSearch
+from rona_core.robot.base_placement.reachability import MAX_PLACES, BaseSearch
 
 
 @message

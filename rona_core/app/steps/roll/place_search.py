@@ -11,12 +11,12 @@ from rona_core.devices.protocols import Cancel, Progress
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Pose
-from rona_core.robot.base_placement.candidates import ALL_AROUND_DEG, BasePlacement
 from rona_core.robot.base_placement.placement import place_base
+from rona_core.robot.base_placement.reachability import ALL_AROUND_DEG, BasePlacement
 from rona_core.robot.collision.obstacles import Obstacles
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.plan import RobotPlan
-from rona_core.robot.planning.plan_scan import plan_scan
+from rona_core.robot.planning.plan_motion import plan_scan
 from rona_core.robot.redundancy.constant_roll import working_set_deg
 
 ROLLS = "rolls"  # in the arguments of a result, beside the fields of its message

@@ -13,7 +13,7 @@ from rona_core.robot.collision.obstacles import Obstacles
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.trajectory.joint_moves import plan_joint_move
-from rona_core.robot.trajectory.retract import retract_after_stop
+from rona_core.robot.trajectory.scan_timing import retract_after_stop
 from rona_core.robot.trajectory.trajectory import TimedMotion, Trajectory
 from rona_core.robot.verification.certificate import Certificate
 from rona_core.robot.verification.verifier import verify_motion

@@ -27,7 +27,7 @@ from rona_core.robot.collision.obstacles import (
 )
 from rona_core.robot.collision.solids import Solid
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.robot.kinematics.spherical_wrist import SphericalWristArm
+from rona_core.robot.kinematics.wrists import SphericalWristArm
 from rona_core.robot.meshes.link_meshes import link_shapes, tool_shapes
 
 PLACE_OF_WORK = (600.0, 60.0, 400.0)  # of the RX90, in the room

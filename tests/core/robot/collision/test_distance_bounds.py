@@ -8,23 +8,25 @@ import pytest
 from rona_core.devices.workcell import Surroundings
 from rona_core.geometry.pose import Pose
 from rona_core.robot.collision.collision_world import SLACK_MM, CollisionWorld
-from rona_core.robot.collision.head_obstacle import head_from_cloud
 from rona_core.robot.collision.obstacles import (
     Box,
     Capsule,
     Obstacle,
     Obstacles,
+    head_from_cloud,
     table_and_floor,
     tracker_stand,
 )
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.robot.redundancy.collision_filter import remove_blocked_rolls
-from rona_core.robot.redundancy.constant_roll import evaluate_constant_rolls, working_set_deg
+from rona_core.robot.redundancy.constant_roll import (
+    evaluate_constant_rolls,
+    remove_blocked_rolls,
+    working_set_deg,
+)
 from rona_core.robot.redundancy.margins import MarginLimits
 from rona_core.robot.trajectory.joint_moves import joint_move
 from rona_core.robot.trajectory.trajectory import sampled_motion
-from rona_core.robot.verification.clearance_checks import _nearest, judged
-from rona_core.robot.verification.motion_checks import dense_motion
+from rona_core.robot.verification.motion_checks import _nearest, dense_motion, judged
 from tests.scenes.patch_scenes import scene_model, scene_path
 
 ROBOTS = ("rx90", "ur5", "ur10")

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.pose import Pose
-from rona_core.robot.collision.head_obstacle import (
+from rona_core.robot.collision.obstacles import (
     FLATTEST_MM,
     LARGE_HEAD_MM,
     TOUCH_MM,

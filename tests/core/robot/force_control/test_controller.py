@@ -11,15 +11,16 @@ from benchmarks.reference.force_loop_bench import run_bench, wave_mm
 from rona_core.devices.settings import ContactSettings
 from rona_core.devices.wrench import APPROACH, CONTACT, LOST, STOPPED
 from rona_core.errors import InvalidInputError
-from rona_core.robot.force_control.controller import ContactController, ContactSample
-from rona_core.robot.force_control.gains import (
+from rona_core.robot.force_control.controller import (
     ALLOWED_RMS_N,
+    ContactController,
+    ContactSample,
+    StiffnessEstimate,
     contact_gain,
     dead_time_s,
     feed_share,
     speed_limit_mm_per_s,
 )
-from rona_core.robot.force_control.stiffness import StiffnessEstimate
 
 SLOW = ContactSettings()  # 16 ms loop, 32 ms transport
 FAST = ContactSettings(period_ms=4.0, delay_ms=8.0, lag_ms=10.0)

@@ -17,8 +17,8 @@ from rona_core.robot.force_control.correction_corridor import (
     straight_line,
 )
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.robot.kinematics.joint_limits import JointLimits
-from rona_core.robot.planning.plan_scan import plan_scan
+from rona_core.robot.kinematics.robot_model import JointLimits
+from rona_core.robot.planning.plan_motion import plan_scan
 from tests.scenes.patch_scenes import dense_path
 
 RX90 = robot_model("rx90")

@@ -6,7 +6,7 @@ import pytest
 from rona_core.geometry.pose import Pose
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.link_errors import link_errors, tip_sensitivities
-from rona_core.robot.redundancy.other_roll import with_other_roll
+from rona_core.robot.redundancy.scan_postures import with_other_roll
 from rona_core.virtual.robot.joint_errors import JointErrors
 
 POINT, DOWN = np.array((600.0, 60.0, 400.0)), np.array((0.0, 0.0, 1.0))

@@ -10,7 +10,7 @@ from rona_core.robot.collision.collision_geometry import BURR, SPINDLE, collisio
 from rona_core.robot.collision.collision_world import CollisionWorld
 from rona_core.robot.collision.obstacles import Capsule, Obstacle, Obstacles
 from rona_core.robot.kinematics.catalog import milling_robot, robot_model
-from rona_core.robot.kinematics.milling_tool import Spindle
+from rona_core.robot.kinematics.robot_model import Spindle
 
 
 @pytest.mark.parametrize("name", ROBOTS)

@@ -15,7 +15,7 @@ from rona_core.robot.kinematics.arm import BRANCHES
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.pinocchio_model import PinocchioArm
 from rona_core.robot.planning.calibration_motion import plan_tool_motion
-from rona_core.robot.planning.plan_scan import plan_scan
+from rona_core.robot.planning.plan_motion import plan_scan
 from rona_core.robot.redundancy.margins import MarginLimits, compute_margins
 
 MODELS = {name: robot_model(name) for name in ROBOTS}

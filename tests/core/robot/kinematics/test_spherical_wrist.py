@@ -9,10 +9,10 @@ from rona_core.errors import InvalidInputError
 from rona_core.geometry.pose import Poses
 from rona_core.robot.kinematics.arm import BRANCHES
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.robot.kinematics.joint_limits import JointLimits, shift_to_fit
 from rona_core.robot.kinematics.pinocchio_model import PinocchioArm
+from rona_core.robot.kinematics.robot_model import JointLimits, shift_to_fit
 from rona_core.robot.kinematics.rx90 import PROVENANCE
-from rona_core.robot.kinematics.spherical_wrist import SphericalWristArm
+from rona_core.robot.kinematics.wrists import SphericalWristArm
 
 RX90 = robot_model("rx90")
 LIMIT_DEG = 160.0

@@ -11,10 +11,10 @@ import pytest
 from rona_core.errors import InvalidInputError
 from rona_core.robot.kinematics import universal_robots
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.robot.kinematics.offset_wrist import ParallelArm
 from rona_core.robot.kinematics.rx90 import rx90
 from rona_core.robot.kinematics.universal_robots import provenance, ur, urdf_path
-from rona_core.robot.verification.robot_digest import robot_digest
+from rona_core.robot.kinematics.wrists import ParallelArm
+from rona_core.robot.verification.certificate import robot_digest
 
 NAMES = ("ur5", "ur10")
 both = pytest.mark.parametrize("name", NAMES)

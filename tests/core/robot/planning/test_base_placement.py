@@ -11,16 +11,16 @@ from rona_core.devices.settings import RobotSettings
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.geometry.path5d import Path5D, resample_path
 from rona_core.geometry.pose import Pose
-from rona_core.robot.base_placement.candidates import (
+from rona_core.robot.base_placement.placement import place_base
+from rona_core.robot.base_placement.reachability import (
     BasePlacement,
     BaseSearch,
+    CoarseScreening,
     base_pose,
     path_from,
 )
-from rona_core.robot.base_placement.placement import place_base
-from rona_core.robot.base_placement.reachability import CoarseScreening
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.robot.planning.plan_scan import PlanSettings, plan_scan
+from rona_core.robot.planning.plan_motion import PlanSettings, plan_scan
 from rona_core.robot.redundancy.margins import MarginLimits
 from rona_core.session.codec import decode, digest, encode
 from rona_core.virtual.scene import base_displacement

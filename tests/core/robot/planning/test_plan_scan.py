@@ -17,10 +17,10 @@ from rona_core.geometry.path5d import Path5D, resample_path
 from rona_core.geometry.pose import Pose
 from rona_core.robot.collision.obstacles import NOTHING_AROUND, Box, Obstacle, Obstacles
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.robot.kinematics.joint_limits import JointLimits
 from rona_core.robot.kinematics.link_errors import ALIKE_RAD, alike, largest_step_rad
-from rona_core.robot.planning import plan_scan as plan_module
-from rona_core.robot.planning.plan_scan import PlanSettings, choose_roll, plan_scan
+from rona_core.robot.kinematics.robot_model import JointLimits
+from rona_core.robot.planning import plan_motion as plan_module
+from rona_core.robot.planning.plan_motion import PlanSettings, choose_roll, plan_scan
 from rona_core.robot.redundancy.scan_postures import ScanPostures
 from rona_core.robot.trajectory.joint_moves import TIP_SPEED_MM_PER_S, plan_joint_move
 from rona_core.robot.trajectory.scan_timing import ScanSettings

@@ -7,8 +7,11 @@ from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Poses
 from rona_core.robot.collision.collision_world import CollisionWorld
 from rona_core.robot.collision.obstacles import NOTHING_AROUND
-from rona_core.robot.redundancy.collision_filter import remove_blocked_rolls
-from rona_core.robot.redundancy.constant_roll import evaluate_constant_rolls, working_set_deg
+from rona_core.robot.redundancy.constant_roll import (
+    evaluate_constant_rolls,
+    remove_blocked_rolls,
+    working_set_deg,
+)
 from rona_core.robot.redundancy.margins import MarginLimits, joint_path
 from tests.scenes.patch_scenes import scene_model, scene_path
 

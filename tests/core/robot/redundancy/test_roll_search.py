@@ -10,8 +10,8 @@ from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.geometry.path5d import Path5D
 from rona_core.robot.kinematics.arm import BRANCHES
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.robot.kinematics.joint_limits import JointLimits
-from rona_core.robot.planning.plan_scan import PlanSettings
+from rona_core.robot.kinematics.robot_model import JointLimits
+from rona_core.robot.planning.plan_motion import PlanSettings
 from rona_core.robot.redundancy.constant_roll import best_branch, working_set_deg
 from rona_core.robot.redundancy.margins import MarginLimits, joint_path
 from tests.helpers.roll_search import search_rolls

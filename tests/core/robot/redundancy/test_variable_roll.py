@@ -10,20 +10,25 @@ from benchmarks.reference.cheapest_constant_roll import cheapest_constant
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Pose, Poses
-from rona_core.robot.kinematics.joint_limits import TURN_RAD, JointLimits
 from rona_core.robot.kinematics.pinocchio_model import PinocchioArm
-from rona_core.robot.planning.plan_scan import PlanSettings
+from rona_core.robot.kinematics.robot_model import TURN_RAD, JointLimits
+from rona_core.robot.planning.plan_motion import PlanSettings
 from rona_core.robot.redundancy import optimal_roll as variable_roll
 from rona_core.robot.redundancy.constant_roll import evaluate_constant_rolls, working_set_deg
-from rona_core.robot.redundancy.cost import RollCost, shares_of_points, strides_of
-from rona_core.robot.redundancy.gauss_newton import refine_roll
 from rona_core.robot.redundancy.infeasibility import curve_margins, variable_roll_verdict
-from rona_core.robot.redundancy.lattice import RollProblem
-from rona_core.robot.redundancy.margins import MarginLimits
-from rona_core.robot.redundancy.optimal_roll import BlockedPath, cheapest_path, optimal_roll
-from rona_core.robot.redundancy.result import RollCurve
-from rona_core.robot.redundancy.roll_grid import solve_roll_grid
-from rona_core.robot.redundancy.variable_roll import blocked_retracts, plan_variable_roll
+from rona_core.robot.redundancy.margins import MarginLimits, solve_roll_grid
+from rona_core.robot.redundancy.optimal_roll import (
+    BlockedPath,
+    RollProblem,
+    cheapest_path,
+    optimal_roll,
+)
+from rona_core.robot.redundancy.result import RollCost, RollCurve, shares_of_points, strides_of
+from rona_core.robot.redundancy.variable_roll import (
+    blocked_retracts,
+    plan_variable_roll,
+    refine_roll,
+)
 from tests.helpers.roll_search import roll_problem, search_rolls, solved
 from tests.scenes.patch_scenes import SCENES, dense_path, scene_model, scene_path
 

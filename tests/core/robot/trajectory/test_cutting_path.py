@@ -8,8 +8,8 @@ import pytest
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.path5d import Path5D, UpheldPath5D
 from rona_core.geometry.pose import Pose
-from rona_core.robot.trajectory.cutting_path import TURN_WAY_MM
 from rona_core.robot.trajectory.cutting_timing import dense_ways, path5d_at
+from rona_core.robot.trajectory.trajectory import TURN_WAY_MM
 from tests.scenes.cut_scenes import HIGH_MM, TILT_RAD, rings
 
 PATH = rings(Pose.identity())

@@ -9,7 +9,7 @@ import pytest
 from rona_core.errors import NotReachableError
 from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Pose
-from rona_core.robot.base_placement.candidates import path_from
+from rona_core.robot.base_placement.reachability import path_from
 from rona_core.robot.collision.edge_check import Checker, n_steps, outside_bone
 from rona_core.robot.collision.obstacles import NOTHING_AROUND
 from rona_core.robot.kinematics.catalog import robot_model
@@ -21,8 +21,9 @@ from rona_core.robot.trajectory.joint_moves import (
     plan_joint_move,
     plan_joint_path,
     raised,
+    search,
+    shortened,
 )
-from rona_core.robot.trajectory.rrt_connect import search, shortened
 from rona_core.robot.trajectory.scan_timing import ScanSettings, time_scan
 from rona_core.robot.verification.verifier import verify_motion, verify_scan
 from tests.helpers.roll_search import search_rolls

@@ -6,7 +6,7 @@ import pytest
 from rona_core.errors import NotReachableError
 from rona_core.robot.collision.obstacles import NOTHING_AROUND
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.robot.trajectory.retract import RETRACT_AFTER_STOP_MM, retract_after_stop
+from rona_core.robot.trajectory.scan_timing import RETRACT_AFTER_STOP_MM, retract_after_stop
 from rona_core.robot.verification.verifier import verify_motion
 
 

@@ -12,13 +12,15 @@ from rona_core.errors import InvalidInputError
 from rona_core.geometry.path5d import Path5D
 from rona_core.robot.collision.obstacles import NOTHING_AROUND
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.robot.kinematics.joint_limits import JointLimits
+from rona_core.robot.kinematics.robot_model import JointLimits
 from rona_core.robot.redundancy.margins import joint_path
-from rona_core.robot.trajectory.corner_blend import NARROWEST_MM, TURN_RAD, blend_corners
 from rona_core.robot.trajectory.scan_timing import ScanSettings, time_scan
 from rona_core.robot.trajectory.time_parameterization import (
     GRID_MM,
+    NARROWEST_MM,
+    TURN_RAD,
     SpeedLimits,
+    blend_corners,
     parameterize_time,
 )
 from rona_core.robot.trajectory.trajectory import Trajectory

@@ -9,7 +9,7 @@ from rona_core.errors import InvalidInputError, NotReachableError
 from rona_core.geometry.pose import Pose
 from rona_core.robot.collision.obstacles import NOTHING_AROUND, Box, Capsule, Obstacle, Obstacles
 from rona_core.robot.kinematics.catalog import milling_robot
-from rona_core.robot.planning.plan_cutting import CuttingPlanSettings, plan_cutting
+from rona_core.robot.planning.plan_motion import CuttingPlanSettings, plan_cutting
 from rona_core.robot.trajectory.cutting_timing import (
     BEND_MM,
     THIN_MM,
@@ -19,8 +19,8 @@ from rona_core.robot.trajectory.cutting_timing import (
     time_cutting,
 )
 from rona_core.robot.trajectory.trajectory import SAMPLE_S
-from rona_core.robot.verification.cutting_verifier import verify_cutting
 from rona_core.robot.verification.tolerances import CuttingTolerances
+from rona_core.robot.verification.verifier import verify_cutting
 from tests.scenes.cut_scenes import HIGH_MM, rings
 
 PLACES = {"rx90": (600.0, 60.0, 400.0), "ur10": (600.0, 60.0, 400.0)}

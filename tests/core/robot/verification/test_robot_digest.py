@@ -17,14 +17,13 @@ from rona_core.robot.collision.collision_geometry import ConvexBody, collision_b
 from rona_core.robot.collision.collision_world import CollisionWorld
 from rona_core.robot.collision.obstacles import NOTHING_AROUND
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.robot.kinematics.milling_tool import Spindle
 from rona_core.robot.kinematics.pinocchio_model import pinocchio_model
-from rona_core.robot.kinematics.robot_model import RobotModel
+from rona_core.robot.kinematics.robot_model import RobotModel, Spindle
 from rona_core.robot.kinematics.rx90 import rx90
 from rona_core.robot.kinematics.universal_robots import ur, urdf_path
 from rona_core.robot.trajectory.joint_moves import plan_joint_move
-from rona_core.robot.verification import robot_digest as module
-from rona_core.robot.verification.robot_digest import NOT_COUNTED, robot_digest
+from rona_core.robot.verification import certificate as module
+from rona_core.robot.verification.certificate import NOT_COUNTED, robot_digest
 from rona_core.robot.verification.verifier import verify_motion
 
 BUILDERS = {"rx90": rx90, "ur5": partial(ur, "ur5"), "ur10": partial(ur, "ur10")}
@@ -203,7 +202,7 @@ def test_allowed_pairs_belong_to_the_model_and_not_to_its_name(name):
 PRINT = """
 from rona_core.devices.robots import ROBOTS
 from rona_core.robot.kinematics.catalog import milling_robot, robot_model
-from rona_core.robot.verification.robot_digest import robot_digest
+from rona_core.robot.verification.certificate import robot_digest
 for name in ROBOTS:
     print(robot_digest(robot_model(name)), robot_digest(milling_robot(name, 2.5, (0.1, 0.2, 0.3))))
 """

@@ -8,14 +8,7 @@ import pytest
 from rona_core.robot.collision.obstacles import NOTHING_AROUND
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.trajectory.joint_moves import plan_joint_move
-from rona_core.robot.verification import (
-    certificate,
-    clearance_checks,
-    cutting_verifier,
-    motion_checks,
-    tolerances,
-    verifier,
-)
+from rona_core.robot.verification import certificate, motion_checks, tolerances, verifier
 from rona_core.robot.verification.tolerances import (
     CuttingTolerances,
     Tolerances,
@@ -61,7 +54,7 @@ def test_how_densely_and_how_exactly_it_looks_counts(name, monkeypatch):
     assert tolerances_digest.__wrapped__(Tolerances()) != before
 
 
-@pytest.mark.parametrize("module", [certificate, clearance_checks, cutting_verifier, motion_checks])
+@pytest.mark.parametrize("module", [certificate, motion_checks, verifier])
 def test_no_number_of_the_verifier_stands_elsewhere(module):
     for where in (module, verifier):
         numbers = {

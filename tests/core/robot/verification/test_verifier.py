@@ -10,12 +10,11 @@ from rona_core.errors import NotReachableError
 from rona_core.geometry.pose import Pose
 from rona_core.robot.collision.obstacles import NOTHING_AROUND, Capsule, Obstacle, Obstacles
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.robot.kinematics.joint_limits import JointLimits
+from rona_core.robot.kinematics.robot_model import JointLimits
 from rona_core.robot.planning.calibration_motion import ToolMotionSettings, plan_tool_motion
-from rona_core.robot.planning.plan_scan import PlanSettings, plan_scan
+from rona_core.robot.planning.plan_motion import PlanSettings, plan_scan
 from rona_core.robot.trajectory.joint_moves import joint_move, plan_joint_move
-from rona_core.robot.verification.clearance_checks import _nearest
-from rona_core.robot.verification.motion_checks import dense_motion
+from rona_core.robot.verification.motion_checks import _nearest, dense_motion
 from rona_core.robot.verification.tolerances import DENSITY, HALVINGS, Tolerances
 from rona_core.robot.verification.verifier import _scan_part, verify_motion, verify_scan
 from tests.scenes.patch_scenes import dense_path

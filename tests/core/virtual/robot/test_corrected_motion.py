@@ -9,7 +9,7 @@ from rona_core.errors import DeviceError, InvalidInputError
 from rona_core.robot.force_control.correction_corridor import correction_corridor
 from rona_core.robot.force_control.gravity_compensation import GRAVITY_BASE
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.robot.planning.plan_scan import plan_scan
+from rona_core.robot.planning.plan_motion import plan_scan
 from rona_core.virtual.clock import CaptureClock
 from rona_core.virtual.robot.force_sensor import NOISE, VirtualForceSensor
 from rona_core.virtual.robot.robot import VirtualRobot
