@@ -11,8 +11,7 @@ from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.pose import Pose
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.planning.bed import Bed
-from rona_core.planning.placement.mapped_bone import MappedBone
-from rona_core.planning.placement.settings import ExecutionError
+from rona_core.planning.placement.problem import ExecutionError, MappedBone
 
 AROUND_MM = 3.0  # of a bed, where the nearest place of the boundary may be
 FINE_MM = 0.2  # between its places

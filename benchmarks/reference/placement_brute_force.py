@@ -3,13 +3,15 @@
 import numpy as np
 
 from rona_core.planning.bed import Bed
-from rona_core.planning.placement.chance import normal_quantile, spreads_above
-from rona_core.planning.placement.figures import objective
-from rona_core.planning.placement.problem import PlacementProblem
-from rona_core.planning.placement.residuals import bed_margins
-from rona_core.planning.placement.seat import Placement, lay_seats, tilted
-from rona_core.planning.placement.settings import SearchGrid
-from rona_core.planning.placement.solid_points import solid_points
+from rona_core.planning.placement.evaluate import bed_margins, solid_points
+from rona_core.planning.placement.figures import normal_quantile, objective, spreads_above
+from rona_core.planning.placement.problem import (
+    Placement,
+    PlacementProblem,
+    SearchGrid,
+    lay_seats,
+    tilted,
+)
 
 
 def best_objective(problem: PlacementProblem, bed: Bed, grid: SearchGrid) -> tuple[float, int]:

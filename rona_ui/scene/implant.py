@@ -9,8 +9,7 @@ from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.mesh import Mesh
 from rona_core.mapping.boundary_map import Maps
 from rona_core.planning.bed import Bed
-from rona_core.planning.milling.milling_path import Move
-from rona_core.planning.milling.path_files import bed_mesh
+from rona_core.planning.milling.milling_path import Move, bed_mesh
 from rona_ui.presentation.colors import (
     BONE_RIM,
     MILLING_COLORS,

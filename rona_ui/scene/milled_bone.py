@@ -9,7 +9,7 @@ from rona_core.geometry.arrays import Floats
 from rona_core.geometry.mesh import Mesh
 from rona_core.geometry.pose import Pose
 from rona_core.mapping.boundary_map import BoundaryMap
-from rona_core.planning.robot_milling.bone_left import BoneOverBed
+from rona_core.planning.robot_milling import BoneOverBed
 from rona_ui.presentation.colors import BONE, BONE_RIM
 from rona_ui.presentation.shown import shown_milling
 from rona_ui.presentation.snapshot import Snapshot

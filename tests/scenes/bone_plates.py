@@ -6,9 +6,12 @@ from scipy.stats import norm
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.pose import Pose
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
-from rona_core.planning.placement.mapped_bone import MappedBone
-from rona_core.planning.placement.problem import PlacementProblem
-from rona_core.planning.placement.settings import ExecutionError, PlacementLimits
+from rona_core.planning.placement.problem import (
+    ExecutionError,
+    MappedBone,
+    PlacementLimits,
+    PlacementProblem,
+)
 
 AT: Floats = np.linspace(-20.0, 20.0, 41)
 U, V = np.meshgrid(AT, AT, indexing="ij")

@@ -31,8 +31,8 @@ from rona_core.evaluation.maps.bed_metrics import residual_mm
 from rona_core.evaluation.truth import truth_of
 from rona_core.geometry.arrays import Floats
 from rona_core.mapping.boundary_map import Maps
-from rona_core.planning.further_lines.best_lines import Hearing
-from rona_core.planning.placement.chance import chance_above
+from rona_core.planning.further_lines import Hearing
+from rona_core.planning.placement.figures import chance_above
 from rona_core.session.document import Derived, Session
 from rona_core.session.files import load_session
 

@@ -12,15 +12,18 @@ import shapely
 
 from benchmarks.metric import Metric, Progress, cpu_ms
 from rona_core.planning.bed import Bed
-from rona_core.planning.implants.catalogue import implant_named
-from rona_core.planning.implants.implant import Implant
+from rona_core.planning.implants.implant import Implant, implant_named
 from rona_core.planning.implants.solids import Prism, Stack, cylinder, stadium
-from rona_core.planning.milling.burr import Burr, ball
-from rona_core.planning.milling.implant_fit import MOST_OVERLAP_MM, fit
+from rona_core.planning.milling.burr import Burr, MillingSettings, ball
 from rona_core.planning.milling.milling_path import MillingPath
 from rona_core.planning.milling.plan_milling import plan_milling
-from rona_core.planning.milling.removal import grid_of, planned_bed, removed_bed
-from rona_core.planning.milling.settings import MillingSettings
+from rona_core.planning.milling.removal import (
+    MOST_OVERLAP_MM,
+    fit,
+    grid_of,
+    planned_bed,
+    removed_bed,
+)
 from rona_core.planning.milling.tool_regions import levels
 
 IMPLANTS = ("BCI 601", "BCI 602", "CI receiver")

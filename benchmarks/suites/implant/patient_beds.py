@@ -30,18 +30,17 @@ from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose
 from rona_core.mapping.accuracy.probe_place import repeatability_mm
 from rona_core.planning.bed import Bed
-from rona_core.planning.implants.catalogue import CATALOGUE, implant_named
-from rona_core.planning.implants.implant import MOST_LIFT_MM
-from rona_core.planning.milling.burr_choice import milling_settings
+from rona_core.planning.implants.implant import CATALOGUE, MOST_LIFT_MM, implant_named
+from rona_core.planning.milling.plan_milling import milling_settings
 from rona_core.planning.milling.removal import planned_bed
-from rona_core.planning.placement.chance import chance_above
-from rona_core.planning.placement.evaluate import judge_placement
-from rona_core.planning.placement.figures import PlacementFigures
-from rona_core.planning.placement.problem import PlacementProblem
-from rona_core.planning.placement.residuals import residuals
-from rona_core.planning.placement.seat import Placement
-from rona_core.planning.placement.settings import PlacementLimits
-from rona_core.planning.placement.solid_points import lowest_of_blocks, solid_points
+from rona_core.planning.placement.evaluate import (
+    judge_placement,
+    lowest_of_blocks,
+    residuals,
+    solid_points,
+)
+from rona_core.planning.placement.figures import PlacementFigures, chance_above
+from rona_core.planning.placement.problem import Placement, PlacementLimits, PlacementProblem
 from rona_core.session.document import Session
 from rona_core.virtual.milling.true_burr import SEAT_MM
 

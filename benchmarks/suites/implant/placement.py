@@ -24,17 +24,16 @@ from benchmarks.reference.bone_worlds import (
 )
 from benchmarks.reference.placement_brute_force import best_objective
 from rona_core.planning.bed import Bed, Screw
-from rona_core.planning.placement.evaluate import judge_placement
+from rona_core.planning.placement.evaluate import judge_placement, solid_points
 from rona_core.planning.placement.figures import PlacementFigures
-from rona_core.planning.placement.problem import PlacementProblem
-from rona_core.planning.placement.search import search_placements
-from rona_core.planning.placement.seat import Placement
-from rona_core.planning.placement.settings import (
+from rona_core.planning.placement.problem import (
     ExecutionError,
+    Placement,
     PlacementLimits,
+    PlacementProblem,
     SearchGrid,
 )
-from rona_core.planning.placement.solid_points import solid_points
+from rona_core.planning.placement.search import search_placements
 
 ROUND_SEEDS = range(38_000, 38_006)
 OBLONG_SEEDS = range(38_100, 38_102)

@@ -13,9 +13,9 @@ from benchmarks.metric import Metric, Progress
 from rona_core.geometry.arrays import Floats
 from rona_core.planning.implants.implant import Implant
 from rona_core.planning.implants.solids import Stack, cylinder
+from rona_core.planning.milling.burr import MillingSettings
 from rona_core.planning.milling.milling_path import MillingPath, Move
 from rona_core.planning.milling.plan_milling import plan_milling
-from rona_core.planning.milling.settings import MillingSettings
 
 DIAMETER_MM, DEPTH_MM = 12.0, 1.6
 CELL_MM, STEP_MM = 0.05, 0.1

@@ -25,9 +25,8 @@ from rona_core.errors import RonaError
 from rona_core.evaluation.milling.milled_bed import Seated, seated
 from rona_core.geometry.arrays import Floats
 from rona_core.planning.implants.implant import MOST_LIFT_MM
-from rona_core.planning.placement.seat import Placement
-from rona_core.planning.rehearsal.burr_way import burr_way
-from rona_core.planning.rehearsal.rehearse import Guards, MillingTask, rehearse
+from rona_core.planning.placement.problem import Placement
+from rona_core.planning.rehearsal.rehearse import Guards, MillingTask, burr_way, rehearse
 from rona_core.robot.redundancy.margins import joint_path
 from rona_core.robot.redundancy.result import RollVerdict
 from rona_core.robot.trajectory.cutting_timing import path5d_at

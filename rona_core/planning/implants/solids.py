@@ -1,6 +1,11 @@
-"""Solids of implants: upright prisms with rounded outlines, and stacks of them.
+"""Solids of implants, and the terraces by which one needs the plane down to a depth.
 
-All in frame ``bed``: z = 0 is where the bone's surface is to be at the rim, depths count downwards.
+Solids of implants: upright prisms with rounded outlines, and stacks of them. All in frame ``bed``:
+z = 0 is where the bone's surface is to be at the rim, depths count downwards.
+
+Terraces of an implant: what part of the plane it needs down to which depth. An implant is laid in
+from above, so what it needs at one depth is the shadow of all of it that is as deep or deeper.
+Regions get smaller downwards, and there is no undercut.
 """
 
 from dataclasses import dataclass
@@ -11,6 +16,7 @@ import numpy as np
 import shapely
 import trimesh
 from shapely.geometry import LineString, Point, Polygon, box
+from shapely.geometry.base import BaseGeometry
 
 from rona_core.devices.limits import require, require_within
 
@@ -130,3 +136,23 @@ def _require_size(what: str, size_mm: float) -> None:
         LEAST_MM <= size_mm <= MOST_MM,
         f"{what} is {size_mm:g} mm, expected {LEAST_MM:g} to {MOST_MM:g} mm: is it in mm?",
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Terrace:
+    """A region of the plane of ``bed`` that is needed from the terrace above down to a depth."""
+
+    depth_mm: float
+    region: BaseGeometry
+
+
+def terraces(stack: Stack, lift_mm: float = 0.0) -> tuple[Terrace, ...]:
+    """Return what a stack raised by ``lift_mm`` needs below z = 0, from the shallowest down."""
+    shadows: list[Terrace] = []
+    for part in reversed(stack.parts):
+        depth_mm, region = part.to_mm - lift_mm, part.region()
+        if depth_mm > 0.0:
+            if shadows:
+                region = shapely.union(region, shadows[-1].region)
+            shadows.append(Terrace(depth_mm, region))
+    return tuple(reversed(shadows))

@@ -1,10 +1,10 @@
-"""Burrs: ball, cylinder and bull-nose, by the corner radius of their end."""
+"""Burrs, and the settings by which they mill."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.devices.limits import require_within
+from rona_core.devices.limits import require, require_within
 from rona_core.geometry.arrays import Floats
 
 
@@ -64,3 +64,61 @@ def ball(diameter_mm: float) -> Burr:
         InvalidInputError: a diameter outside 0.5 to 12 mm.
     """
     return Burr(diameter_mm, 0.5 * diameter_mm)
+
+
+BALL_5, BALL_2 = ball(5.0), ball(2.0)
+
+
+@dataclass(frozen=True, slots=True)
+class MillingSettings:
+    """How a bed is milled. The defaults are assumed but for the pitch (Federspil 2003)."""
+
+    burr: Burr = BALL_5
+    rim_burr: Burr | None = BALL_2  # for the corner that the burr leaves; None: no rim pass
+    layer_mm: float = 0.5  # most depth of one layer
+    pitch: float = 0.5  # most distance of neighbouring rings, as a share of the burr's radius
+    over_depth_mm: float = 0.3  # every floor is so much deeper than the implant
+    side_clearance_mm: float = 0.3  # every wall is so far off the implant
+    tilt_deg: float = 15.0  # of a ball's axis, its pole behind; other burrs are held upright
+    ramp_deg: float = 5.0  # slope at which the burr goes down into a layer
+    retract_mm: float = 5.0  # above the bone between cuts
+
+    def __post_init__(self) -> None:
+        require_within("layer_mm", self.layer_mm, 0.05, 3.0)
+        require_within("pitch", self.pitch, 0.05, 1.0)
+        require_within("over_depth_mm", self.over_depth_mm, 0.0, 2.0)
+        require_within("side_clearance_mm", self.side_clearance_mm, 0.0, 3.0)
+        require_within("tilt_deg", self.tilt_deg, 0.0, 45.0)
+        require_within("ramp_deg", self.ramp_deg, 0.5, 20.0)
+        require_within("retract_mm", self.retract_mm, 1.0, 50.0)
+        for burr in self.burrs:
+            require(
+                self.layer_mm <= burr.radius_mm,
+                f"a layer of {self.layer_mm:g} mm is thicker than the radius of a burr of "
+                f"{burr.diameter_mm:g} mm: take thinner layers",
+            )
+            require(
+                burr.is_ball or self.tilt_deg == 0.0,
+                f"a burr with a corner radius of {burr.corner_radius_mm:g} mm at "
+                f"{burr.diameter_mm:g} mm is no ball, and tilted it would cut steps: set tilt_deg "
+                "to 0, or take a ball",
+            )
+        require(
+            self.tilt_deg == 0.0 or self.ramp_deg < self.tilt_deg,
+            f"ramp_deg {self.ramp_deg:g} must be below tilt_deg {self.tilt_deg:g}, or the pole of "
+            "the burr cuts while it goes down",
+        )
+        require(
+            self.rim_burr is None or self.rim_burr.diameter_mm <= self.burr.diameter_mm,
+            "the rim burr must not be larger than the burr",
+        )
+
+    @property
+    def burrs(self) -> tuple[Burr, ...]:
+        """Return the burrs in the order of their use."""
+        return (self.burr,) if self.rim_burr is None else (self.burr, self.rim_burr)
+
+    @property
+    def tilt_rad(self) -> float:
+        """Return the tilt of a ball's axis."""
+        return float(np.deg2rad(self.tilt_deg))

@@ -3,6 +3,11 @@
 At the end of every layer the bed is a valid, shallower one: nothing is cut beyond the planned bed,
 and the floor of the layer is flat but for the ridges between rings. See
 docs/algorithms/implant/milling.md.
+
+Tilt of a ball burr: its pole, which does not move, is kept behind the feed. The front of a ball
+that moves along v is where its normals n have n . v > 0. The pole lies at the end of the axis a, so
+that it is behind as long as a . v < 0: with the axis leant against the feed by t, and a way down of
+slope s, a . v = sin(s - t).
 """
 
 from dataclasses import dataclass
@@ -12,14 +17,74 @@ import numpy as np
 import shapely
 from shapely.geometry import LineString, Point
 
+from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, Ints
 from rona_core.planning.implants.implant import Implant
-from rona_core.planning.milling.burr import Burr
+from rona_core.planning.milling.burr import BALL_2, Burr, MillingSettings, ball
 from rona_core.planning.milling.milling_path import MillingPath, Move
-from rona_core.planning.milling.rings import CHORD_MM, strokes
-from rona_core.planning.milling.settings import MillingSettings
-from rona_core.planning.milling.tool_regions import Level, levels
-from rona_core.planning.milling.tool_tilt import tilted
+from rona_core.planning.milling.removal import planned_bed
+from rona_core.planning.milling.tool_regions import CHORD_MM, Level, levels, strokes
+
+BURRS_MM = (5.0, 4.0, 3.0, 2.0)  # balls, the largest that goes into the bed is taken
+
+
+def milling_settings(implant: Implant, burr_mm: float | None) -> MillingSettings:
+    """Return how a bed is milled: with a ball of this diameter, else the largest that goes in.
+
+    Raises:
+        InvalidInputError: no burr goes into the bed.
+    """
+    *larger, last = BURRS_MM if burr_mm is None else (burr_mm,)
+    for size_mm in larger:
+        try:
+            return _settings(implant, size_mm)
+        except InvalidInputError:
+            continue  # a smaller one may go in
+    return _settings(implant, last)
+
+
+def _settings(implant: Implant, burr_mm: float) -> MillingSettings:
+    """Return how a bed is milled with a ball; raise InvalidInputError where it does not go in."""
+    settings = MillingSettings(
+        burr=ball(burr_mm),
+        rim_burr=BALL_2 if burr_mm > BALL_2.diameter_mm else None,
+        layer_mm=min(0.5, 0.25 * burr_mm),
+    )
+    planned_bed(implant, settings, cell_mm=1.0)
+    return settings
+
+
+CORNER_RAD = float(np.deg2rad(30.0))  # of the path: where it turns by more, the axis turns in place
+
+
+def tilted(bottoms_bed: Floats, moves: Ints, tilt_rad: float) -> tuple[Floats, Floats, Ints]:
+    """Return lowest places (m, 3), axes (m, 3) into the bone and moves (m,) with m >= n.
+
+    At corners of the path a place stands twice, with the axis of the way in and of the way out.
+    """
+    steps = np.diff(bottoms_bed, axis=0)
+    moved = np.concatenate(([True], np.linalg.norm(steps, axis=1) > 1e-9))
+    bottoms, moves = bottoms_bed[moved], moves[moved]
+    n = len(bottoms)
+    if tilt_rad == 0.0 or n < 2:
+        return bottoms, np.tile((0.0, 0.0, -1.0), (n, 1)), moves
+    along = np.diff(bottoms[:, :2], axis=0)
+    heading = np.unwrap(np.arctan2(along[:, 1], along[:, 0]))
+    into = np.concatenate((heading[:1], heading))
+    out = np.concatenate((heading, heading[-1:]))
+    corner = np.abs(out - into) > CORNER_RAD
+    times = np.where(corner, 2, 1)
+    rows = np.repeat(np.arange(n), times)
+    second = np.concatenate(([False], rows[1:] == rows[:-1]))
+    heading = np.where(
+        corner[rows], np.where(second, out[rows], into[rows]), 0.5 * (into + out)[rows]
+    )
+    sine, cosine = np.sin(tilt_rad), np.cos(tilt_rad)
+    axes = np.column_stack(
+        (-sine * np.cos(heading), -sine * np.sin(heading), np.full(len(rows), -cosine))
+    )
+    return bottoms[rows], axes, moves[rows]
+
 
 CLEAR_MM = 0.05  # above the ridges of the layer above, where the way down into the next begins
 

@@ -1,11 +1,12 @@
-"""Breakthrough: the probability that the burr is through the bone, by the force and by the maps.
+"""Force on the burr: the feed that it allows, and the probability of a breakthrough.
 
-Soft tissue puts up next to no force (Federspil 2003). How much bone a step takes changes along the
-way and from layer to layer, so the force of the last steps is counted per section of chip and feed,
-and held against what the same place put up in the layer above. The draws of the maps say what may
-be left there; each is weighed by how well the share of the chip that it puts beyond the bone
-explains that ratio. Thin places that no draw has are taken into account as well: what is far from
-all draws could not be explained by the force else.
+Breakthrough: the probability that the burr is through the bone, by the force and by the maps. Soft
+tissue puts up next to no force (Federspil 2003). How much bone a step takes changes along the way
+and from layer to layer, so the force of the last steps is counted per section of chip and feed, and
+held against what the same place put up in the layer above. The draws of the maps say what may be
+left there; each is weighed by how well the share of the chip that it puts beyond the bone explains
+that ratio. Thin places that no draw has are taken into account as well: what is far from all draws
+could not be explained by the force else.
 """
 
 from collections import deque
@@ -15,6 +16,27 @@ from scipy.ndimage import uniform_filter
 
 from rona_core.geometry.arrays import Floats
 from rona_core.planning.rehearsal.site import ForceReading
+
+# assumed
+MOST_N = 5.0  # of cutting force
+LEAST_FEED_SHARE = 0.25  # of the planned feed, below which nothing is gained
+MEMORY = 0.7  # of the force so far, step by step
+
+
+class FeedControl:
+    """Share of the planned feed for the next step."""
+
+    def __init__(self) -> None:
+        """Begin at the planned feed."""
+        self.share = 1.0
+        self._force_n = 0.0
+
+    def update(self, reading: ForceReading) -> None:
+        """Take in the force of a step."""
+        self._force_n = MEMORY * self._force_n + (1.0 - MEMORY) * reading.mean_n
+        wanted = self.share * MOST_N / max(self._force_n, 1e-3)
+        self.share = min(max(wanted, LEAST_FEED_SHARE), 1.0)
+
 
 FEED_POWER = 0.5  # of the force, as it is thought to grow with the feed
 CELL_MM = 0.5

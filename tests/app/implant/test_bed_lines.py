@@ -16,7 +16,7 @@ from rona_core.app.steps.maps.accuracy import drawn_maps
 from rona_core.app.steps.maps.messages import StartGapPlan
 from rona_core.compose import new_workbench
 from rona_core.errors import CancelledError, InvalidInputError
-from rona_core.planning.further_lines.best_lines import best_lines
+from rona_core.planning.further_lines import best_lines
 from rona_core.session.document import Session
 from rona_core.session.files import session_bytes, session_from_bytes
 from tests.scenes import demo_parts

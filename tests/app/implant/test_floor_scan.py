@@ -16,7 +16,7 @@ from rona_core.app.steps.roll.inputs import DRIVEN
 from rona_core.app.steps.roll.messages import StartRollSearch
 from rona_core.compose import milling_site
 from rona_core.devices.protocols import never, silent
-from rona_core.planning.rehearsal.floor_line import FloorLine
+from rona_core.planning.rehearsal.milled_floor import FloorLine
 from rona_core.planning.rehearsal.site import ProbeWay
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.plan_motion import plan_scan

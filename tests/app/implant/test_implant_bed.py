@@ -21,8 +21,8 @@ from rona_core.errors import (
     StepBlockedError,
 )
 from rona_core.mapping.accuracy.probe_place import repeatability_mm
-from rona_core.planning.implants.catalogue import implant_named
-from rona_core.planning.milling.burr_choice import milling_settings
+from rona_core.planning.implants.implant import implant_named
+from rona_core.planning.milling.plan_milling import milling_settings
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
 from rona_core.session.files import session_bytes, session_from_bytes

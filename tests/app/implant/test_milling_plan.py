@@ -37,7 +37,7 @@ from rona_core.compose import new_workbench
 from rona_core.errors import InvalidInputError, StaleResultError, StepBlockedError
 from rona_core.planning.milling.milling_path import Move
 from rona_core.planning.milling.removal import RIDGE_MM
-from rona_core.planning.robot_milling.robot_path import milling_obstacles
+from rona_core.planning.robot_milling import milling_obstacles
 from rona_core.robot.verification.tolerances import CuttingTolerances
 from rona_core.session.files import session_bytes, session_from_bytes
 from tests.helpers.ui.beds import bed_only, laid_astray

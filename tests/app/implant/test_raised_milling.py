@@ -19,8 +19,8 @@ from rona_core.devices.protocols import never, silent
 from rona_core.errors import CancelledError
 from rona_core.evaluation.milling.rehearsal_metrics import milled_again, rehearsal_figures
 from rona_core.evaluation.truth import truth_of
-from rona_core.planning.rehearsal.floor_line import FloorLine
-from rona_core.planning.robot_milling.robot_path import milling_obstacles
+from rona_core.planning.rehearsal.milled_floor import FloorLine
+from rona_core.planning.robot_milling import milling_obstacles
 from rona_core.robot.planning.plan_motion import CuttingPlanSettings
 from rona_core.robot.verification.verifier import verify_cutting
 from rona_core.session.codec import digest

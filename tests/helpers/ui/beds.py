@@ -5,7 +5,7 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from rona_core.app.steps.implant.messages import PlaceBed
-from rona_core.planning.placement.seat import Placement
+from rona_core.planning.placement.problem import Placement
 from rona_core.session.document import Session
 
 

@@ -13,14 +13,11 @@ from rona_core.devices.protocols import Cancel, Progress
 from rona_core.errors import CancelledError, StepBlockedError
 from rona_core.geometry.arrays import Floats
 from rona_core.mapping.accuracy.map_draws import MapDraws
-from rona_core.planning.further_lines.bed_hearing import bed_hearing
-from rona_core.planning.further_lines.best_lines import Hearing, best_lines
-from rona_core.planning.implants.catalogue import implant_named
-from rona_core.planning.milling.burr_choice import milling_settings
+from rona_core.planning.further_lines import Hearing, bed_hearing, best_lines
+from rona_core.planning.implants.implant import implant_named
+from rona_core.planning.milling.plan_milling import milling_settings
 from rona_core.planning.milling.removal import planned_bed
-from rona_core.planning.placement.mapped_bone import MappedBone
-from rona_core.planning.placement.problem import PlacementProblem
-from rona_core.planning.placement.settings import PlacementLimits
+from rona_core.planning.placement.problem import MappedBone, PlacementLimits, PlacementProblem
 
 DRAWS = 600  # of the maps: half of them choose the lines, half tell what they are worth
 LEAST_PERCENT = 1.0  # less is not worth a scan

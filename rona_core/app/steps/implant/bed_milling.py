@@ -11,19 +11,15 @@ from rona_core.geometry.arrays import Floats, readonly
 from rona_core.geometry.mesh import Mesh
 from rona_core.mapping.boundary_map import Maps
 from rona_core.planning.bed import Bed
-from rona_core.planning.implants.catalogue import implant_named
-from rona_core.planning.implants.implant import Implant
-from rona_core.planning.milling.burr_choice import milling_settings
-from rona_core.planning.milling.feeds import duration_s, feeds_mm_per_s
-from rona_core.planning.milling.implant_fit import Fit, fit
-from rona_core.planning.milling.milling_path import MillingPath
-from rona_core.planning.milling.plan_milling import plan_milling
-from rona_core.planning.milling.removal import planned_bed
+from rona_core.planning.implants.implant import Implant, implant_named
+from rona_core.planning.milling.milling_path import MillingPath, duration_s, feeds_mm_per_s
+from rona_core.planning.milling.plan_milling import milling_settings, plan_milling
+from rona_core.planning.milling.removal import Fit, fit, planned_bed
 from rona_core.planning.milling.tool_regions import MOST_SURFACE_MM
-from rona_core.planning.rehearsal.burr_way import burr_way
-from rona_core.planning.rehearsal.depth_correction import raised_path
+from rona_core.planning.rehearsal.milled_floor import raised_path
+from rona_core.planning.rehearsal.rehearse import burr_way
 from rona_core.planning.rehearsal.site import BurrWay
-from rona_core.planning.robot_milling.robot_path import RobotPath, robot_path
+from rona_core.planning.robot_milling import RobotPath, robot_path
 from rona_core.robot.trajectory.trajectory import Trajectory
 from rona_core.session.memo import remember
 

@@ -6,7 +6,7 @@ from rona_core.app.steps.implant.milling_motion import way_at
 from rona_core.app.steps.implant.view import milling_view
 from rona_core.app.steps.maps.inputs import MAPS
 from rona_core.geometry.arrays import Floats
-from rona_core.planning.robot_milling.bone_left import BoneOverBed, bone_left, bone_over
+from rona_core.planning.robot_milling import BoneOverBed, bone_left, bone_over
 from rona_core.session.document import Session
 from rona_core.session.memo import Memo
 

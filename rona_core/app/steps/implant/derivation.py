@@ -12,18 +12,18 @@ from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.mapping.accuracy.map_terms import MapTerms
 from rona_core.mapping.boundary_map import Maps
 from rona_core.path.zones import Zone
-from rona_core.planning.implants.catalogue import implant_named
-from rona_core.planning.implants.implant import MOST_LIFT_MM
-from rona_core.planning.milling.burr_choice import milling_settings
+from rona_core.planning.implants.implant import MOST_LIFT_MM, implant_named
+from rona_core.planning.milling.plan_milling import milling_settings
 from rona_core.planning.milling.removal import planned_bed
-from rona_core.planning.placement.evaluate import judge_placement
+from rona_core.planning.placement.evaluate import judge_placement, solid_points
 from rona_core.planning.placement.figures import PlacementFigures, Shortfall
-from rona_core.planning.placement.mapped_bone import MappedBone
-from rona_core.planning.placement.problem import PlacementProblem
+from rona_core.planning.placement.problem import (
+    MappedBone,
+    Placement,
+    PlacementLimits,
+    PlacementProblem,
+)
 from rona_core.planning.placement.search import search_placements
-from rona_core.planning.placement.seat import Placement
-from rona_core.planning.placement.settings import PlacementLimits
-from rona_core.planning.placement.solid_points import solid_points
 from rona_core.session.memo import Memo
 
 DRAWS = 200  # of the maps

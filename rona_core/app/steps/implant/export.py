@@ -12,7 +12,7 @@ from rona_core.app.steps.implant.view import milling_view
 from rona_core.devices.robots import UNIVERSAL
 from rona_core.errors import StepBlockedError
 from rona_core.planning.implants.bed_markups import bed_markups
-from rona_core.planning.milling.path_files import bed_stl, path_csv, path_gcode
+from rona_core.planning.milling.milling_path import bed_stl, path_csv, path_gcode
 from rona_core.robot.planning.motion_files import Pause, joints_csv, urscript
 from rona_core.session.document import Session
 from rona_core.session.memo import remember

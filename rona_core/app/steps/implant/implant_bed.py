@@ -5,9 +5,8 @@ from typing import Literal
 
 from rona_core.geometry.arrays import Floats, Ints, Vector3
 from rona_core.geometry.pose import Pose
-from rona_core.planning.placement.chance import Chance
-from rona_core.planning.placement.figures import ScrewFigures
-from rona_core.planning.placement.seat import Placement
+from rona_core.planning.placement.figures import Chance, ScrewFigures
+from rona_core.planning.placement.problem import Placement
 from rona_core.session.codec import OMIT_EMPTY
 
 Lacks = Literal["nothing", "maps", "distance", "bone", "certainty"]

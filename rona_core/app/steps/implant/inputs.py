@@ -16,8 +16,7 @@ from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.mapping.accuracy.map_terms import MapTerms
 from rona_core.mapping.boundary_map import Maps
 from rona_core.path.zones import PaintedRegions
-from rona_core.planning.placement.execution_error import execution_error
-from rona_core.planning.placement.settings import ExecutionError
+from rona_core.planning.placement.problem import ExecutionError, execution_error
 from rona_core.robot.collision.obstacles import Obstacles
 from rona_core.ultrasound.detection.detect import Detection
 

@@ -4,8 +4,8 @@ from dataclasses import MISSING
 
 from rona_core.app.messages.message import message
 from rona_core.devices.limits import PLACE_MM, choice, like, number
-from rona_core.planning.implants.catalogue import CATALOGUE
-from rona_core.planning.milling.burr_choice import BURRS_MM
+from rona_core.planning.implants.implant import CATALOGUE
+from rona_core.planning.milling.plan_milling import BURRS_MM
 
 Corners = tuple[tuple[float, float], ...]  # u and v in the plane of the maps, in mm
 IMPLANTS = {name: name for name in CATALOGUE}

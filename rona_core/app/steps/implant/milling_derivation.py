@@ -13,7 +13,7 @@ from rona_core.app.steps.implant.milling_plan import MillingPlan
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.geometry.arrays import readonly
 from rona_core.planning.milling.milling_path import MillingPath
-from rona_core.planning.robot_milling.robot_path import milling_obstacles
+from rona_core.planning.robot_milling import milling_obstacles
 from rona_core.robot.kinematics.catalog import milling_robot
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.planning.plan_motion import CuttingPlanSettings, plan_cutting

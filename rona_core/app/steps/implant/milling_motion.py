@@ -13,8 +13,8 @@ from rona_core.app.steps.implant.milling_plan import MillingPlan, why_no_milling
 from rona_core.app.steps.implant.view import milling_view
 from rona_core.errors import StaleResultError, StepBlockedError
 from rona_core.geometry.arrays import Floats, Ints, readonly
-from rona_core.planning.milling.milling_motion import MillingMotion
-from rona_core.planning.robot_milling.robot_path import milling_obstacles
+from rona_core.planning.milling.milling_path import MillingMotion
+from rona_core.planning.robot_milling import milling_obstacles
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.trajectory.trajectory import Trajectory
 from rona_core.robot.verification.tolerances import CuttingTolerances

@@ -23,11 +23,9 @@ from rona_core.devices.protocols import Cancel, never
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Pose
-from rona_core.planning.placement.problem import PlacementProblem
-from rona_core.planning.placement.residuals import depths_along_axis, residuals
-from rona_core.planning.placement.settings import PlacementLimits
-from rona_core.planning.rehearsal.floor_detector import FloorDetector
-from rona_core.planning.rehearsal.floor_line import FloorLine
+from rona_core.planning.placement.evaluate import depths_along_axis, residuals
+from rona_core.planning.placement.problem import PlacementLimits, PlacementProblem
+from rona_core.planning.rehearsal.milled_floor import FloorDetector, FloorLine
 from rona_core.planning.rehearsal.rehearse import MillingTask, PlanFloorScan, RaiseWay
 from rona_core.planning.rehearsal.site import BurrWay, ProbeWay
 from rona_core.robot.kinematics.catalog import robot_model

@@ -13,11 +13,11 @@ from rona_core.app.steps.implant.messages import PlaceBed
 from rona_core.app.steps.maps.inputs import MAPS
 from rona_core.errors import StaleResultError, StepBlockedError
 from rona_core.geometry.arrays import Floats, as_vector3
-from rona_core.planning.implants.catalogue import implant_named
-from rona_core.planning.milling.burr_choice import milling_settings
+from rona_core.planning.implants.implant import implant_named
+from rona_core.planning.milling.plan_milling import milling_settings
 from rona_core.planning.milling.removal import planned_bed
-from rona_core.planning.placement.seat import Placement
-from rona_core.planning.placement.solid_points import lowest_of_blocks
+from rona_core.planning.placement.evaluate import lowest_of_blocks
+from rona_core.planning.placement.problem import Placement
 from rona_core.session.document import Session
 
 FLOOR_MM = 0.5  # between places of the floor

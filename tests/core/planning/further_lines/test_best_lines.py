@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rona_core.planning.further_lines.best_lines import LENGTHS_MM, Hearing, best_lines, left_share
+from rona_core.planning.further_lines import LENGTHS_MM, Hearing, best_lines, left_share
 
 AT = np.arange(-10.0, 11.0)
 PLACES = np.stack(np.meshgrid(AT, AT, indexing="ij"), axis=-1).reshape(-1, 2)

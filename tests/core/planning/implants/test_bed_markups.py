@@ -7,7 +7,7 @@ import pytest
 
 from rona_core.geometry.pose import Pose
 from rona_core.planning.implants.bed_markups import bed_markups
-from rona_core.planning.implants.catalogue import implant_named
+from rona_core.planning.implants.implant import implant_named
 
 T_BASE_BED = Pose.from_rotvec((0.3, -2.0, 0.9), (400.0, -20.0, 310.0))
 THINNEST = np.array((404.0, -23.0, 306.0))

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from rona_core.errors import InvalidInputError, NotFoundError
-from rona_core.planning.implants.catalogue import CATALOGUE, implant_named
-from rona_core.planning.implants.implant import Implant
+from rona_core.planning.implants.implant import CATALOGUE, Implant, implant_named
 from rona_core.planning.implants.solids import Prism, Stack, cylinder, stadium
 
 AXIS_MM = np.arange(-15.05, 15.1, 0.7)  # no cell on an edge of the solids

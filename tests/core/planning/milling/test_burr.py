@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from rona_core.errors import InvalidInputError
-from rona_core.planning.milling.burr import Burr, ball
-from rona_core.planning.milling.settings import MillingSettings
+from rona_core.planning.milling.burr import Burr, MillingSettings, ball
 
 BULL = Burr(6.0, 1.0)
 

@@ -14,13 +14,17 @@ from rona_core.geometry.pose import Pose
 from rona_core.planning.bed import Bed
 from rona_core.planning.implants.implant import Implant
 from rona_core.planning.implants.solids import Stack, cylinder
-from rona_core.planning.milling.burr import ball
-from rona_core.planning.milling.feeds import duration_s, feeds_mm_per_s
-from rona_core.planning.milling.milling_path import Move
-from rona_core.planning.milling.path_files import bed_stl, path_csv, path_gcode
+from rona_core.planning.milling.burr import MillingSettings, ball
+from rona_core.planning.milling.milling_path import (
+    Move,
+    bed_stl,
+    duration_s,
+    feeds_mm_per_s,
+    path_csv,
+    path_gcode,
+)
 from rona_core.planning.milling.plan_milling import plan_milling
 from rona_core.planning.milling.removal import planned_bed
-from rona_core.planning.milling.settings import MillingSettings
 
 SETTINGS = MillingSettings(burr=ball(3.0), rim_burr=ball(1.5))
 ROUND = Implant("round", Stack((cylinder(9.0, 0.0, 1.0),)))

@@ -7,19 +7,17 @@ import pytest
 import shapely
 
 from rona_core.errors import InvalidInputError
-from rona_core.planning.implants.catalogue import implant_named
-from rona_core.planning.implants.implant import Implant
+from rona_core.planning.implants.implant import Implant, implant_named
 from rona_core.planning.implants.solids import (
     Prism,
     Stack,
     cylinder,
     stadium,
 )
-from rona_core.planning.milling.burr import Burr, ball
+from rona_core.planning.milling.burr import Burr, MillingSettings, ball
 from rona_core.planning.milling.milling_path import MillingPath, Move
 from rona_core.planning.milling.plan_milling import plan_milling
 from rona_core.planning.milling.removal import grid_of, lowest_mm, removed_bed
-from rona_core.planning.milling.settings import MillingSettings
 from rona_core.planning.milling.tool_regions import levels, pocket_of, region_at
 
 SMALL = MillingSettings(burr=ball(3.0), rim_burr=ball(1.5))

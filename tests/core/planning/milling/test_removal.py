@@ -9,15 +9,12 @@ from scipy.spatial import KDTree
 
 from rona_core.errors import InvalidInputError
 from rona_core.planning.bed import Bed
-from rona_core.planning.implants.catalogue import implant_named
-from rona_core.planning.implants.implant import Implant
+from rona_core.planning.implants.implant import Implant, implant_named
 from rona_core.planning.implants.solids import Prism, Stack, cylinder, stadium
-from rona_core.planning.milling.burr import Burr, ball
-from rona_core.planning.milling.implant_fit import fit
+from rona_core.planning.milling.burr import Burr, MillingSettings, ball
 from rona_core.planning.milling.milling_path import MillingPath
 from rona_core.planning.milling.plan_milling import plan_milling
-from rona_core.planning.milling.removal import grid_of, lowest_mm, planned_bed, removed_bed
-from rona_core.planning.milling.settings import MillingSettings
+from rona_core.planning.milling.removal import fit, grid_of, lowest_mm, planned_bed, removed_bed
 
 AXIS_MM = 0.05 * np.arange(-100, 101)
 SMALL = MillingSettings(burr=ball(3.0), rim_burr=ball(1.5))

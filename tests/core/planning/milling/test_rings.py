@@ -7,8 +7,7 @@ from scipy.spatial import KDTree
 from shapely.geometry import Point, box
 
 from rona_core.planning.milling.burr import ball
-from rona_core.planning.milling.rings import strokes
-from rona_core.planning.milling.tool_regions import Level
+from rona_core.planning.milling.tool_regions import Level, strokes
 
 PITCH_MM = 1.0
 REGIONS = {

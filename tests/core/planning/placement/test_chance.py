@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm, t
 
-from rona_core.planning.placement.chance import (
+from rona_core.planning.placement.figures import (
     chance_above,
     spreads_above,
     spreads_for,

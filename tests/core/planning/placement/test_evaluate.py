@@ -14,13 +14,15 @@ from benchmarks.reference.bone_worlds import (
 from rona_core.errors import InvalidInputError
 from rona_core.path.zones import Zone
 from rona_core.planning.bed import Screw
-from rona_core.planning.placement.evaluate import judge_placement
+from rona_core.planning.placement.evaluate import judge_placement, solid_points
 from rona_core.planning.placement.figures import Shortfall
-from rona_core.planning.placement.mapped_bone import MappedBone
-from rona_core.planning.placement.problem import PlacementProblem
-from rona_core.planning.placement.seat import Placement
-from rona_core.planning.placement.settings import ExecutionError, PlacementLimits
-from rona_core.planning.placement.solid_points import solid_points
+from rona_core.planning.placement.problem import (
+    ExecutionError,
+    MappedBone,
+    Placement,
+    PlacementLimits,
+    PlacementProblem,
+)
 from tests.scenes.bone_plates import AT, U, V, maps_of, plate
 
 EXACT = ExecutionError(0.0, 0.0)

@@ -6,7 +6,7 @@ import pytest
 from rona_core.geometry.cell_grid import CellGrid
 from rona_core.geometry.pose import Pose
 from rona_core.mapping.boundary_map import BoundaryMap
-from rona_core.planning.placement.inner_boundary import InnerBoundary
+from rona_core.planning.placement.problem import InnerBoundary
 
 AT_MM = np.arange(-6.0, 7.0)
 U, V = np.meshgrid(AT_MM, AT_MM, indexing="ij")

@@ -14,13 +14,15 @@ from benchmarks.reference.placement_brute_force import best_objective
 from rona_core.errors import InvalidInputError
 from rona_core.path.zones import Zone
 from rona_core.planning.bed import Screw
-from rona_core.planning.placement.evaluate import judge_placement
+from rona_core.planning.placement.evaluate import judge_placement, solid_points
 from rona_core.planning.placement.figures import Shortfall
-from rona_core.planning.placement.problem import PlacementProblem
+from rona_core.planning.placement.problem import (
+    ExecutionError,
+    Placement,
+    PlacementProblem,
+    SearchGrid,
+)
 from rona_core.planning.placement.search import search_placements
-from rona_core.planning.placement.seat import Placement
-from rona_core.planning.placement.settings import ExecutionError, SearchGrid
-from rona_core.planning.placement.solid_points import solid_points
 from tests.scenes.bone_plates import AT, U, V, plate
 
 ERRORS = ExecutionError(0.15, 0.15)

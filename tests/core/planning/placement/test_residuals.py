@@ -6,11 +6,13 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.reference.bone_worlds import round_bed
 from rona_core.geometry.pose import Pose
-from rona_core.planning.placement.mapped_bone import MappedBone
-from rona_core.planning.placement.problem import PlacementProblem
-from rona_core.planning.placement.residuals import bed_margins, depths_along_axis, residuals
-from rona_core.planning.placement.settings import ExecutionError
-from rona_core.planning.placement.solid_points import solid_points
+from rona_core.planning.placement.evaluate import (
+    bed_margins,
+    depths_along_axis,
+    residuals,
+    solid_points,
+)
+from rona_core.planning.placement.problem import ExecutionError, MappedBone, PlacementProblem
 from tests.scenes.bone_plates import U, V, exact_problem, maps_of, plate
 
 PLACES = np.array(((0.0, 0.0, -3.0), (2.0, -1.0, -3.0), (-3.0, 2.0, -2.0)))

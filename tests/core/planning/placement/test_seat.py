@@ -2,9 +2,8 @@ import numpy as np
 import pytest
 
 from benchmarks.reference.bone_worlds import oblong_bed, round_bed
-from rona_core.planning.placement.mapped_bone import MappedBone
-from rona_core.planning.placement.seat import Placement, lay_seats, tilted
-from rona_core.planning.placement.solid_points import solid_points
+from rona_core.planning.placement.evaluate import solid_points
+from rona_core.planning.placement.problem import MappedBone, Placement, lay_seats, tilted
 from tests.scenes.bone_plates import AT, U, V, exact_problem, maps_of, plate
 
 RIM = solid_points(exact_problem(plate()), oblong_bed(16.0, 10.0, 3.0)).rim

@@ -5,7 +5,7 @@ from scipy.spatial import KDTree
 from benchmarks.reference.bone_worlds import oblong_bed, round_bed
 from rona_core.errors import InvalidInputError
 from rona_core.planning.bed import Bed, Screw
-from rona_core.planning.placement.solid_points import (
+from rona_core.planning.placement.evaluate import (
     MOST_GROWN_MM,
     least_reach_mm,
     lowest_of_blocks,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rona_core.planning.rehearsal.commanded_floor import CommandedFloor
+from rona_core.planning.rehearsal.milled_floor import CommandedFloor
 
 
 def test_a_ball_takes_its_cap_and_nothing_twice():

@@ -5,7 +5,7 @@ import pytest
 
 from rona_core.planning.milling.burr import Burr
 from rona_core.planning.milling.milling_path import MillingPath, Move
-from rona_core.planning.rehearsal.depth_correction import ceiling_mm, raised_path
+from rona_core.planning.rehearsal.milled_floor import ceiling_mm, raised_path
 
 
 def path(depths, tools):

@@ -1,6 +1,6 @@
 """Feed by force: slower where the bone is hard, never faster than planned."""
 
-from rona_core.planning.rehearsal.feed_control import FeedControl
+from rona_core.planning.rehearsal.breakthrough import FeedControl
 from rona_core.planning.rehearsal.site import ForceReading
 
 

@@ -3,8 +3,14 @@
 import numpy as np
 import pytest
 
-from rona_core.planning.rehearsal.commanded_floor import CommandedFloor
-from rona_core.planning.rehearsal.floor_line import EDGE_MM, OVER_MM, ROUGH_MM, STEP_MM, floor_line
+from rona_core.planning.rehearsal.milled_floor import (
+    EDGE_MM,
+    OVER_MM,
+    ROUGH_MM,
+    STEP_MM,
+    CommandedFloor,
+    floor_line,
+)
 
 FACE_MM, TIP_MM = 3.175, 3.2  # of the probe, and of the delay line as it collides
 WIDENING = (11.0 - TIP_MM) / 29.0  # of its radius per mm of height

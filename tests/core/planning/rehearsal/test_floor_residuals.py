@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rona_core.planning.rehearsal.floor_residuals import (
+from rona_core.planning.rehearsal.milled_floor import (
     LEAST_SIGMA_MM,
     CorrectedBone,
     MeasuredFloor,

@@ -5,12 +5,11 @@ import pytest
 
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.pose import Pose
-from rona_core.planning.implants.catalogue import implant_named
-from rona_core.planning.milling.feeds import feeds_mm_per_s
-from rona_core.planning.milling.milling_path import MillingPath, Move
+from rona_core.planning.implants.implant import implant_named
+from rona_core.planning.milling.burr import MillingSettings
+from rona_core.planning.milling.milling_path import MillingPath, Move, feeds_mm_per_s
 from rona_core.planning.milling.plan_milling import plan_milling
-from rona_core.planning.milling.settings import MillingSettings
-from rona_core.planning.robot_milling.robot_path import (
+from rona_core.planning.robot_milling import (
     REACH_IN_MM,
     milling_obstacles,
     robot_path,

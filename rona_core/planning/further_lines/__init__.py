@@ -1,1 +1,0 @@
-"""Which further scan lines tell most of the bone below one bed."""
