@@ -37,7 +37,7 @@ from rona_core.devices.protocols import Cancel, Progress, Rig, Work, never
 from rona_core.devices.settings import ProbeSettings
 from rona_core.devices.world_settings import REALISTIC_WORLD, WorldSettings
 from rona_core.errors import DeviceError, RonaError
-from rona_core.evaluation.maps.map_errors import errors_of_maps
+from rona_core.evaluation.map_metrics import errors_of_maps
 from rona_core.evaluation.metrics import evaluate
 from rona_core.evaluation.truth import truth_of
 from rona_core.mapping.comparison.map_errors import MapErrors

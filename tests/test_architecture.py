@@ -71,7 +71,7 @@ def test_the_library_neither_asserts_nor_prints():
 def test_what_the_bone_is_made_of_is_read_by_the_virtual_devices_alone():
     """No computation looks at the choice of bone: it is set, shown, digested and made."""
     allowed = {"compose.py", "capture_parts.py", "workbench.py", "setup_handlers.py", "setup.py"}
-    allowed |= {"speed_metrics.py"}  # it judges against the truth
+    allowed |= {"scan_metrics.py"}  # it judges against the truth
     choice = re.compile(r"\bsetup\.bone\b")
     readers = {p.name for p in modules(*PRODUCT) if choice.search(p.read_text("utf-8"))}
     assert readers <= allowed

@@ -7,7 +7,7 @@ import numpy as np
 
 from rona_core.app.steps.maps.accuracy import TERMS, map_accuracy
 from rona_core.compose import build_virtual_rig
-from rona_core.evaluation.maps.map_errors import cell_errors_mm
+from rona_core.evaluation.map_metrics import cell_errors_mm
 from rona_core.evaluation.truth import truth_of
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.mapping.accuracy.error_terms import ErrorTerm

@@ -1,4 +1,4 @@
-"""All figures of one session against the truth of its virtual scene; ``figures.py`` declares them.
+"""All figures of one session against the truth of its virtual scene; ``truth.py`` declares them.
 
 A figure whose result is missing is None, so is one that compares a result with a capture which has
 been taken again since, and so is one whose capture came out of a file: there is no truth for what
@@ -11,32 +11,33 @@ from typing import TYPE_CHECKING
 from rona_core.app.declarations.figures import FIGURES
 from rona_core.app.dependencies.staleness import made_of
 from rona_core.app.overview.predicted_accuracy import predicted_figures
-from rona_core.evaluation.error_causes import cause_figures
-from rona_core.evaluation.figures import Figures
-from rona_core.evaluation.maps.bed_metrics import bed_figures
-from rona_core.evaluation.maps.map_metrics import (
+from rona_core.evaluation.map_metrics import (
+    bed_figures,
     map_figures,
     one_pass_figures,
     sono_calibration_figures,
     sono_map_figures,
 )
-from rona_core.evaluation.milling.rehearsal_metrics import rehearsal_figures
+from rona_core.evaluation.milling_metrics import rehearsal_figures
 from rona_core.evaluation.navigation_metrics import (
     burr_figures,
+    normal_figures,
+    plan_figures,
     pointer_figures,
     skull_figures,
+    smoothing_figures,
     surface_figures,
     tool_figures,
 )
-from rona_core.evaluation.path_metrics import normal_figures, plan_figures, smoothing_figures
 from rona_core.evaluation.scan_metrics import (
+    cause_figures,
     contact_figures,
     detected_passes,
     detection_figures,
     head_shift_figures,
+    speed_figures,
 )
-from rona_core.evaluation.speed_metrics import speed_figures
-from rona_core.evaluation.truth import Truth, truth_of
+from rona_core.evaluation.truth import Figures, Truth, truth_of
 from rona_core.session.captures import is_imported
 from rona_core.virtual.rig import build_scene
 from rona_core.virtual.scene import VirtualScene

@@ -1,20 +1,61 @@
-"""Ground truth of the bone in ``base``."""
+"""Ground truth of the bone in ``base``, and what all figures against it share."""
 
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.evaluation.head_place import head_place_base
-from rona_core.evaluation.scan_postures import scan_postures
 from rona_core.geometry.arrays import Bools, Floats, Vector3, as_points, readonly
 from rona_core.geometry.pose import Pose, Poses
+from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.redundancy.scan_postures import ScanPostures
+from rona_core.session.captures import is_imported
 from rona_core.virtual.pointer_motion import cross
 from rona_core.virtual.scene import VirtualScene
 
 if TYPE_CHECKING:
     from rona_core.session.document import Session
+
+
+Figure = float | int | str | bool | None  # None where there is nothing to score yet
+Figures = dict[str, Figure]
+
+
+def rms(values: Floats) -> float | None:
+    """Return the root mean square of finite values (n,) or vectors (n, 3); None without any."""
+    known = values[np.isfinite(values)] if values.ndim == 1 else values
+    return float(np.sqrt((known**2).sum() / len(known))) if len(known) else None
+
+
+def head_place_base(session: "Session", scene: VirtualScene) -> Vector3:
+    """Return how far (3,) the head was from its rest in the mean of the first stroke of step 4.
+
+    Zero before it, and where the stroke came out of a file.
+    """
+    strokes = session.captures.surface
+    if not strokes or is_imported(strokes[0]):
+        return np.zeros(3)
+    first = strokes[0]
+    watched = first.head is not None and len(first.head.times_s) > 0
+    track = first.head if first.head is not None and watched else first.marker
+    if not len(track.times_s):
+        return np.zeros(3)
+    return scene.head_shift_base(first.ordinal, track.times_s).mean(axis=0)
+
+
+def scan_postures(session: "Session") -> ScanPostures | None:
+    """Return the postures of the first pass of a scan; None before one.
+
+    The robot comes back to a place as it came there first: a further pass may have had another
+    posture, and what that does to the maps is their error.
+    """
+    model, scan = robot_model(session.setup.devices.robot.model), session.captures.scan
+    if scan is None or not len(scan.scans.times_s):
+        return None
+    qs_rad = scan.joints.at(scan.scans.times_s)
+    faces = (model.forward(qs_rad) @ model.T_flange_probe).translations
+    return ScanPostures(faces, qs_rad)
+
 
 REST = readonly(np.zeros(3))
 LANDMARK_MM = 30.0  # distance of the named points from the middle of the region

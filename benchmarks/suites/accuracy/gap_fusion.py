@@ -7,11 +7,10 @@ from scipy.spatial import KDTree
 
 from rona_core.app.dependencies.inputs import required
 from rona_core.app.steps.maps.inputs import CLOUD_PRIOR
-from rona_core.evaluation.figures import rms
-from rona_core.evaluation.maps.map_metrics import cells as cells_of
-from rona_core.evaluation.maps.map_metrics import outer_errors_mm
+from rona_core.evaluation.map_metrics import cells as cells_of
+from rona_core.evaluation.map_metrics import outer_errors_mm
 from rona_core.evaluation.navigation_metrics import tip_errors
-from rona_core.evaluation.truth import Truth
+from rona_core.evaluation.truth import Truth, rms
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.rigid_fit import register_points
 from rona_core.mapping.boundary_map import BoundaryMap, CloudFit, Maps

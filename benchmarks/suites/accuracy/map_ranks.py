@@ -22,7 +22,7 @@ from benchmarks.suites.honesty.judged import over_draws, rank_correlation
 from benchmarks.suites.ultrasound.observed_order import best_ranks, ranks_by_others
 from rona_core.app.steps.maps.accuracy import TERMS
 from rona_core.compose import build_virtual_rig
-from rona_core.evaluation.maps.map_errors import cell_errors_mm
+from rona_core.evaluation.map_metrics import cell_errors_mm
 from rona_core.evaluation.truth import truth_of
 from rona_core.geometry.arrays import Floats
 from rona_core.session.document import Session

@@ -22,7 +22,7 @@ from rona_core.app.steps.roll.inputs import DRIVEN
 from rona_core.app.steps.roll.messages import StartRollSearch
 from rona_core.compose import new_workbench
 from rona_core.errors import RonaError
-from rona_core.evaluation.figures import rms
+from rona_core.evaluation.truth import rms
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.mapping.boundary_map import Maps
 from rona_core.mapping.second_pass import (

@@ -27,7 +27,7 @@ from rona_core.app.steps.maps.messages import Row, StartGapPlan, StartGapScan, S
 from rona_core.compose import build_virtual_rig, new_workbench, run_demo
 from rona_core.devices.protocols import never, silent
 from rona_core.errors import InvalidInputError, RonaError
-from rona_core.evaluation.maps.bed_metrics import residual_mm
+from rona_core.evaluation.map_metrics import residual_mm
 from rona_core.evaluation.truth import truth_of
 from rona_core.geometry.arrays import Floats
 from rona_core.mapping.boundary_map import Maps

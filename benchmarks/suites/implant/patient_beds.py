@@ -24,7 +24,7 @@ from rona_core.app.steps.implant.view import FLOOR_MM
 from rona_core.compose import new_workbench
 from rona_core.devices.protocols import never, silent
 from rona_core.errors import InvalidInputError
-from rona_core.evaluation.maps.bed_metrics import residual_mm
+from rona_core.evaluation.map_metrics import residual_mm
 from rona_core.evaluation.truth import Truth
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose

@@ -22,7 +22,7 @@ from rona_core.app.steps.implant.rehearsal_task import (
 from rona_core.app.steps.implant.view import milling_view
 from rona_core.compose import milling_site, new_workbench
 from rona_core.errors import RonaError
-from rona_core.evaluation.milling.milled_bed import Seated, seated
+from rona_core.evaluation.milling_metrics import Seated, seated
 from rona_core.geometry.arrays import Floats
 from rona_core.planning.implants.implant import MOST_LIFT_MM
 from rona_core.planning.placement.problem import Placement

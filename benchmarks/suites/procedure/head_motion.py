@@ -22,10 +22,9 @@ from rona_core.app.steps.scan.head_view import head_figures
 from rona_core.app.steps.setup.messages import SetSeed, SetWorld
 from rona_core.app.steps.surface.messages import BuildSurface
 from rona_core.compose import build_virtual_rig, new_workbench
-from rona_core.evaluation.figures import rms
-from rona_core.evaluation.maps.map_metrics import cells, outer_errors_mm
+from rona_core.evaluation.map_metrics import cells, outer_errors_mm
 from rona_core.evaluation.scan_metrics import head_shift_figures
-from rona_core.evaluation.truth import truth_of
+from rona_core.evaluation.truth import rms, truth_of
 from rona_core.session.document import Derived, Session
 
 SEEDS = range(34_000, 34_012)

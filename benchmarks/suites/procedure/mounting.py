@@ -14,9 +14,8 @@ from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.scan.messages import StartProbeMountingCapture
 from rona_core.app.steps.setup.messages import SetSeed, SetWorld
 from rona_core.compose import build_virtual_rig, new_workbench
-from rona_core.evaluation.figures import rms
-from rona_core.evaluation.maps.map_metrics import outer_errors_mm
-from rona_core.evaluation.truth import truth_of
+from rona_core.evaluation.map_metrics import outer_errors_mm
+from rona_core.evaluation.truth import rms, truth_of
 from rona_core.session.document import Session
 
 SEEDS = range(30_000, 30_006)

@@ -16,10 +16,9 @@ from rona_core.app.declarations.figures import FIGURES, Figure
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.compose import DemoSkull, build_virtual_rig, new_workbench, run_demo
 from rona_core.devices.world_settings import REALISTIC_WORLD, WorldSettings
-from rona_core.evaluation.figures import Figures, rms
-from rona_core.evaluation.maps.map_metrics import outer_errors_mm, thickness_errors_mm
+from rona_core.evaluation.map_metrics import outer_errors_mm, thickness_errors_mm
 from rona_core.evaluation.scan_metrics import detected_passes, detection_figures
-from rona_core.evaluation.truth import truth_of
+from rona_core.evaluation.truth import Figures, rms, truth_of
 from rona_core.session.document import Session
 
 SEEDS = range(10)

@@ -17,7 +17,7 @@ from rona_core.app.steps.implant.view import milling_view
 from rona_core.compose import milling_site
 from rona_core.devices.protocols import never, silent
 from rona_core.errors import CancelledError
-from rona_core.evaluation.milling.rehearsal_metrics import milled_again, rehearsal_figures
+from rona_core.evaluation.milling_metrics import milled_again, rehearsal_figures
 from rona_core.evaluation.truth import truth_of
 from rona_core.planning.rehearsal.milled_floor import FloorLine
 from rona_core.planning.robot_milling import milling_obstacles

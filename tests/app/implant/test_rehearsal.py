@@ -25,7 +25,7 @@ from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.compose import milling_site, new_workbench, virtual_services
 from rona_core.errors import CancelledError, StepBlockedError
 from rona_core.evaluation.metrics import evaluate
-from rona_core.evaluation.milling.rehearsal_metrics import milled_again
+from rona_core.evaluation.milling_metrics import milled_again
 from rona_core.planning.rehearsal.rehearse import STEP_MM, rehearse
 from rona_core.session.codec import digest
 from rona_core.session.files import session_bytes, session_from_bytes

@@ -19,7 +19,7 @@ from rona_core.errors import (
     StaleResultError,
     StepBlockedError,
 )
-from rona_core.evaluation.figures import rms
+from rona_core.evaluation.truth import rms
 from rona_core.session.document import Session
 from rona_core.session.files import load_session, session_bytes
 from rona_ui.cli import main

@@ -36,7 +36,7 @@ from rona_core.app.steps.scan.planned_motion import joints_at, motion_times, rep
 from rona_core.devices.protocols import never, silent
 from rona_core.devices.samples import AScanTrack
 from rona_core.errors import InvalidInputError, StepBlockedError
-from rona_core.evaluation.scan_postures import scan_postures
+from rona_core.evaluation.truth import scan_postures
 from rona_core.geometry.arrays import readonly
 from rona_core.geometry.pose import Poses
 from rona_core.mapping.accuracy.probe_place import OTHER_POSTURE

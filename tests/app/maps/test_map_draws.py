@@ -11,7 +11,7 @@ from rona_core.app.steps.maps.accuracy import MOST_DRAWS, TERMS, drawn_maps, map
 from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.compose import build_virtual_rig, new_workbench
 from rona_core.errors import InvalidInputError, StaleResultError, StepBlockedError
-from rona_core.evaluation.maps.map_errors import cell_errors_mm
+from rona_core.evaluation.map_metrics import cell_errors_mm
 from rona_core.evaluation.truth import truth_of
 from rona_core.mapping.accuracy.echo_terms import NO_INNER_ECHO
 from rona_core.mapping.accuracy.error_terms import HIDDEN_ALIKE, HIDDEN_FROM, hidden_depths

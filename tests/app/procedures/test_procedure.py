@@ -21,9 +21,8 @@ from rona_core.app.steps.surface.messages import StartSurfaceCapture
 from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.compose import build_virtual_rig, evaluate_virtual, new_workbench, run_demo
 from rona_core.errors import NotReachableError, RonaError, StepBlockedError
-from rona_core.evaluation.maps.map_metrics import outer_errors_mm
-from rona_core.evaluation.scan_postures import scan_postures
-from rona_core.evaluation.truth import Truth
+from rona_core.evaluation.map_metrics import outer_errors_mm
+from rona_core.evaluation.truth import Truth, scan_postures
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
 from rona_core.session.files import load_session, save_session

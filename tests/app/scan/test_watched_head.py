@@ -26,7 +26,7 @@ from rona_core.app.steps.setup.messages import (
 from rona_core.app.steps.surface.messages import StartSurfaceCapture
 from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.compose import build_virtual_rig, new_session, new_workbench
-from rona_core.evaluation.head_place import head_place_base
+from rona_core.evaluation.truth import head_place_base
 from rona_core.session.codec import encode
 from rona_core.session.files import session_bytes, session_from_bytes
 

@@ -9,7 +9,7 @@ from rona_core.app.declarations.figures import OUTER_CAUSES, THICKNESS_CAUSES
 from rona_core.app.steps.maps.accuracy import map_accuracy
 from rona_core.app.steps.maps.error_budget import OUTER, THICKNESS, error_budgets
 from rona_core.compose import build_virtual_rig, evaluate_virtual
-from rona_core.evaluation.maps.map_metrics import cells, outer_errors_mm
+from rona_core.evaluation.map_metrics import cells, outer_errors_mm
 from rona_core.evaluation.scan_metrics import true_probe_poses
 from rona_core.evaluation.truth import truth_of
 from rona_core.session.document import Session

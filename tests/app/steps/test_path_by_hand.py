@@ -35,7 +35,7 @@ from rona_core.errors import (
     StaleResultError,
     StepBlockedError,
 )
-from rona_core.evaluation.path_metrics import smoothing_figures
+from rona_core.evaluation.navigation_metrics import smoothing_figures
 from rona_core.path.simplification.error_bound import deviations
 from rona_core.session.codec import digest
 from rona_core.session.document import Session

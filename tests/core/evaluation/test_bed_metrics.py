@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from rona_core.evaluation.maps.bed_metrics import bed_figures, residual_mm
+from rona_core.evaluation.map_metrics import bed_figures, residual_mm
 from rona_core.session.document import Session
 from tests.core.evaluation.test_map_metrics import THICKNESS_MM
 from tests.core.evaluation.test_navigation_metrics import truth_of

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rona_core.evaluation.maps.map_metrics import (
+from rona_core.evaluation.map_metrics import (
     covered,
     inner_errors_mm,
     map_figures,

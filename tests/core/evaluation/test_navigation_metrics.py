@@ -8,16 +8,16 @@ from hypothesis import strategies as st
 
 from rona_core.devices.samples import ToolTrack
 from rona_core.devices.settings import FIRST_PLACE, DeviceSettings, TrackerSettings
-from rona_core.evaluation.figures import rms
 from rona_core.evaluation.navigation_metrics import (
     burr_figures,
     pointer_figures,
     registration_tre_mm,
     surface_figures,
     tool_figures,
+    true_markers,
+    true_tips_base,
 )
-from rona_core.evaluation.true_tips import true_markers, true_tips_base
-from rona_core.evaluation.truth import LANDMARKS, Truth
+from rona_core.evaluation.truth import LANDMARKS, Truth, rms
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.virtual.clock import CaptureClock
 from rona_core.virtual.operator.operator import VirtualOperator

@@ -5,15 +5,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rona_core.evaluation.figures import rms
-from rona_core.evaluation.truth import Truth
+from rona_core.evaluation.truth import Truth, rms
 from rona_core.path.manual_edits import PathEdits
 from rona_core.robot.trajectory.trajectory import Trajectory
 from rona_core.session.codec import digest
 from tests.core.evaluation.test_navigation_metrics import truth_of
 
 pytest.importorskip("rona_core.path.path_samples", reason="there is no path filter")
-from rona_core.evaluation.path_metrics import (
+from rona_core.evaluation.navigation_metrics import (
     deviation_max_mm,
     filter_width_s,
     normal_figures,

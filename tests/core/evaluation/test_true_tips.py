@@ -6,7 +6,7 @@ import pytest
 from rona_core.devices.samples import ToolTrack
 from rona_core.devices.settings import DeviceSettings, TrackerSettings
 from rona_core.devices.trackers import GEOMETRIES
-from rona_core.evaluation.true_tips import true_tips_base
+from rona_core.evaluation.navigation_metrics import true_tips_base
 from rona_core.geometry.pose import Pose
 from rona_core.virtual.clock import CaptureClock
 from rona_core.virtual.operator.operator import VirtualOperator

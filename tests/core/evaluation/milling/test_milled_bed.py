@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rona_core.evaluation.milling.milled_bed import seated
+from rona_core.evaluation.milling_metrics import seated
 from rona_core.planning.implants.implant import Implant
 from rona_core.planning.implants.solids import Stack, cylinder
 

@@ -1,4 +1,4 @@
-"""Figures of step 9, and of the hand-held probe: the maps against the true bone."""
+"""Figures of steps 9 and 10: the maps, and the bone that a bed would leave."""
 
 from typing import TYPE_CHECKING
 
@@ -6,16 +6,20 @@ import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 from scipy.spatial import KDTree
 
-from rona_core.evaluation.figures import Figures, rms
-from rona_core.evaluation.truth import Truth
+from rona_core.app.dependencies.judge import fresh
+from rona_core.app.steps.implant.view import floor_base
+from rona_core.evaluation.truth import Figures, Truth, rms
 from rona_core.geometry.arrays import Bools, Floats, Ints
+from rona_core.geometry.pose import Pose
+from rona_core.mapping.comparison.map_errors import MapErrors
 from rona_core.mapping.map_grid import NEAR_MM
 from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.virtual.milling.left_bone import LeftBone
 
 if TYPE_CHECKING:
     from rona_core.calibration.handheld.tracked_probe import SonoCalibration
     from rona_core.mapping.boundary_map import BoundaryMap, Maps
-    from rona_core.session.document import SonoMaps
+    from rona_core.session.document import Session, SonoMaps
 
 
 def map_figures(maps: "Maps", truth: Truth) -> Figures:
@@ -184,3 +188,75 @@ def _nearest(axis_mm: Floats, values: Floats) -> tuple[Ints, Bools]:
     index = np.rint((values - axis_mm[0]) / step).astype(np.int64)
     inside = (index >= 0) & (index < len(axis_mm))
     return np.clip(index, 0, len(axis_mm) - 1), inside
+
+
+def errors_of_maps(maps: "Maps", truth: Truth) -> MapErrors:
+    """Return the signed errors of the maps over their grid, as a comparison has them."""
+    found = cell_errors_mm(maps, truth)
+    wanted = ("outer", "fused", "inner", "thickness")
+    return MapErrors(
+        {name: np.where(np.isfinite(found[name]), found[name], np.nan) for name in wanted}
+    )
+
+
+def cell_errors_mm(maps: "Maps", truth: Truth) -> dict[str, Floats]:
+    """Return the signed errors of all maps over their grid (nu, nv), infinite where none is known.
+
+    Keys are ``thickness``, and ``outer``, ``inner`` and ``fused``, absolute and, with the ending
+    ``_same_robot``, for the same robot. All maps are on one grid.
+    """
+    errors: dict[str, Floats] = {}
+    for suffix, systematic in (("", False), ("_same_robot", True)):
+        for name, boundary, errors_mm in (
+            ("outer", maps.outer, outer_errors_mm),
+            ("fused", maps.fused, outer_errors_mm),
+            ("inner", maps.inner, inner_errors_mm),
+        ):
+            found = errors_mm(cells(boundary), truth, systematic)
+            errors[name + suffix] = _on_grid(boundary.ok, found)
+    both = maps.inner.ok & maps.outer.ok
+    errors["thickness"] = _on_grid(both, thickness_errors_mm(maps, truth))
+    return errors
+
+
+def _on_grid(which: Bools, values: Floats) -> Floats:
+    """Return values (n,) in their cells, infinite elsewhere."""
+    grid = np.full(which.shape, np.inf)
+    grid[which] = values
+    return grid
+
+
+AROUND_MM = 2.0  # of the floor: where it leans, the nearest place of the boundary is beside it
+
+
+def bed_figures(session: "Session", truth: Truth) -> Figures:
+    """Return what is predicted of the bed, and the least bone that it would really leave."""
+    held = fresh("bed", session)
+    if held is None or held.placed is None:
+        return {}
+    placed = held.placed
+    return {
+        "bed_probability": placed.probability,
+        "bed_residual_mm": placed.residual_mm,
+        "bed_residual_true_mm": residual_mm(floor_base(held), truth),
+    }
+
+
+def residual_mm(floor_base: Floats, truth: Truth) -> float | None:
+    """Return the shortest distance from any of places (n, 3) to the true inner boundary.
+
+    The places are where the robot that made the maps arrives. Negative where the bed breaks
+    through; None where the true bone has no inner boundary.
+    """
+    arrived = arrived_base(floor_base, truth)
+    up = truth.foot(arrived)[1].mean(axis=0)
+    up /= np.linalg.norm(up)
+    x = np.linalg.svd(up[None])[2][1]
+    rotation = np.column_stack((x, np.cross(up, x), up))
+    T_base_bed = Pose(rotation, arrived.mean(axis=0))
+    places = T_base_bed.inv() @ arrived
+    reach_mm = float(np.abs(places[:, :2]).max()) + AROUND_MM
+    T_skull_bed = truth.T_base_skull.inv() @ T_base_bed
+    bone = LeftBone(truth.scene.specimen, T_skull_bed, reach_mm)
+    least = float(bone.distances_to_inner_mm(places, np.zeros(len(places))).min())
+    return least if np.isfinite(least) else None

@@ -1,1 +1,0 @@
-"""The maps, and what is planned in them, against ground truth."""

@@ -1,1 +1,0 @@
-"""Figures of a milling against the true bone."""
