@@ -25,7 +25,6 @@ import numpy as np
 from rona_core import __version__
 from rona_core.devices.settings import hidden_characters
 from rona_core.errors import NotFoundError, RonaError, SessionFormatError, storing
-from rona_core.session.array_packing import pack
 from rona_core.session.captures import Capture
 from rona_core.session.codec import Arrays, decode, encode
 from rona_core.session.document import Session
@@ -36,6 +35,7 @@ from rona_core.session.members import (
     MAX_FILE_BYTES,
     SCHEMA,
     Members,
+    pack,
     read_members,
     require_room,
     used_bytes,

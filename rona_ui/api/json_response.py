@@ -14,7 +14,7 @@ from starlette.responses import Response
 
 from rona_core.errors import NotFoundError
 from rona_core.geometry.pose import Pose, Poses
-from rona_core.session.stored_fields import LEAST
+from rona_core.session.codec import LEAST
 
 LONGEST_ARRAY = 2000  # values of an array that JSON holds, some 40 KB
 NPY = "application/octet-stream"

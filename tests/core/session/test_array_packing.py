@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 from rona_core.errors import SessionFormatError
-from rona_core.session.array_packing import DTYPES, pack, unpack
+from rona_core.session.members import DTYPES, pack, unpack
 
 SHAPES = array_shapes(min_dims=1, max_dims=3, min_side=1, max_side=12)
 
