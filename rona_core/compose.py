@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from rona_core.app.declarations.declarations import Compute, compute_here
-from rona_core.app.dependencies.inputs import required
+from rona_core.app.dependencies.staleness import required
 from rona_core.app.overview.predicted_accuracy import predicted_figures
 from rona_core.app.procedure import (
     TO_MAPS,

@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.metric import Metric
 from benchmarks.timed_procedure import NOMINAL_SETUP
-from rona_core.app.dependencies.inputs import required
+from rona_core.app.dependencies.staleness import required
 from rona_core.app.steps.acoustics.inputs import DETECTION, HELD_PROBE
 from rona_core.app.steps.path.inputs import SMOOTHING
 from rona_core.app.steps.roll.derivation import plan_settings

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rona_core.app.messages.serialization import serialize_arguments
+from rona_core.app.messages.message import serialize_arguments
 from rona_core.app.runtime.saving.journal import append_entries, begin_journal, read_journal
 from rona_core.app.runtime.store import Store
 from rona_core.app.steps.setup.messages import SetSeed

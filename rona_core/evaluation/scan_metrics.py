@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import KDTree
 
-from rona_core.app.dependencies.head_reference import watch_head
-from rona_core.app.dependencies.inputs import required
-from rona_core.app.dependencies.staleness import made_of
+from rona_core.app.dependencies.references import watch_head
+from rona_core.app.dependencies.staleness import made_of, required
 from rona_core.app.steps.acoustics.thickness_uncertainty import at_speed_of_maps, speed_of_maps
 from rona_core.app.steps.scan.head_view import head_report
 from rona_core.app.steps.scan.inputs import PLACES, POSES

@@ -5,7 +5,7 @@ import sys
 from typing import Any
 
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.dependencies.step_states import step_states
+from rona_core.app.dependencies.judge import step_states
 from rona_core.session.files import load_session
 from rona_core.session.members import SCHEMA
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from rona_core.app.declarations.registry import REGISTRY
+from rona_core.app.runtime.saving.autosave import LostSession, Recovery
 from rona_core.app.runtime.saving.journal import read_journal, restore
-from rona_core.app.runtime.saving.recovery import LostSession, Recovery
 from rona_core.app.runtime.saving.session_files import SessionFiles
 from rona_core.app.runtime.store import Store
 from rona_core.errors import InvalidInputError, NameTakenError, NotFoundError

@@ -8,7 +8,7 @@ import tempfile
 from pathlib import Path
 from typing import Any, NoReturn
 
-from rona_core.app.runtime.saving.recovery import Recovery
+from rona_core.app.runtime.saving.autosave import Recovery
 from rona_core.compose import build_registry
 from rona_core.errors import InvalidInputError
 from rona_ui.resources import sessions_dir

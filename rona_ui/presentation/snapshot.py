@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from operator import attrgetter
 from typing import Any
 
-from rona_core.app.dependencies.step_states import StepState
+from rona_core.app.dependencies.judge import StepState
 from rona_core.app.runtime.jobs import JobStatus
 from rona_core.app.steps.implant.bed_milling import MillingView
 from rona_core.app.steps.maps.comparison import MapComparison

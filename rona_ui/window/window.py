@@ -14,7 +14,7 @@ from typing import Any
 
 import viser
 
-from rona_core.app.dependencies.step_states import StepState, step_states
+from rona_core.app.dependencies.judge import StepState, step_states
 from rona_core.app.runtime.jobs import JobStatus
 from rona_core.app.runtime.session_registry import SessionRegistry
 from rona_core.app.runtime.workbench import Workbench

@@ -7,10 +7,9 @@ import pytest
 from fastapi.testclient import TestClient
 
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.dependencies.judge import blocked
+from rona_core.app.dependencies.judge import blocked, step_states
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.dependencies.step_states import step_states
-from rona_core.app.runtime.recompute import replay
+from rona_core.app.runtime.session_step import replay
 from rona_core.app.steps.setup.messages import SetRobot
 from rona_core.compose import build_registry, new_workbench
 from rona_core.errors import InvalidInputError, SessionFormatError

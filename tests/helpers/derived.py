@@ -4,7 +4,7 @@ from typing import Any
 
 from rona_core.app.declarations.declarations import Message
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.runtime.deriving import derive
+from rona_core.app.runtime.handling import derive
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.session.document import Session
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import KDTree
 
-from rona_core.app.dependencies.inputs import required
+from rona_core.app.dependencies.staleness import required
 from rona_core.app.steps.maps.inputs import CLOUD_PRIOR
 from rona_core.evaluation.map_metrics import cells as cells_of
 from rona_core.evaluation.map_metrics import outer_errors_mm

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.random import Generator
 
 from benchmarks.metric import Metric
-from rona_core.app.dependencies.inputs import required
-from rona_core.app.dependencies.staleness import input_digests
+from rona_core.app.dependencies.staleness import input_digests, required
 from rona_core.app.procedure import run_procedure, stages
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.maps.accuracy import map_accuracy

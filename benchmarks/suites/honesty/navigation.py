@@ -4,7 +4,7 @@ import numpy as np
 
 from benchmarks.suites.honesty.design import bench_of
 from benchmarks.suites.honesty.judged import Judged, principal_parts
-from rona_core.app.dependencies.inputs import required
+from rona_core.app.dependencies.staleness import required
 from rona_core.app.overview.predicted_accuracy import predict_surface
 from rona_core.app.steps.path.inputs import VIEWPOINT
 from rona_core.app.steps.pointer.messages import StartPointerCapture

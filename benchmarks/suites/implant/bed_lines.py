@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.metric import Metric, Progress
 from benchmarks.suites.accuracy.next_lines import Rows, closer_rows, random_rows
 from rona_core.app.procedure import stages
-from rona_core.app.runtime.deriving import read_inputs
+from rona_core.app.runtime.handling import read_inputs
 from rona_core.app.steps.implant.bed_lines import find_bed_lines, hearing_around
 from rona_core.app.steps.implant.derivation import search_bed
 from rona_core.app.steps.implant.implant_bed import ImplantBed

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.random import Generator
 from scipy.special import ndtri
 
-from rona_core.app.runtime.deriving import read_inputs
+from rona_core.app.runtime.handling import read_inputs
 from rona_core.app.steps.implant.burr.inputs import KNOWN_BURR
 from rona_core.app.steps.implant.burr.messages import StartBurrCapture
 from rona_core.app.steps.implant.derivation import LIFT_STEP_MM, mapped_bone, search_bed

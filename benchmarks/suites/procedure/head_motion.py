@@ -13,10 +13,10 @@ import numpy as np
 from benchmarks.metric import Metric, Progress, over_seeds
 from rona_core.app.declarations.figures import limit_of
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.dependencies.head_reference import watch_head
+from rona_core.app.dependencies.references import watch_head
 from rona_core.app.overview.acceptance import quality_rows
 from rona_core.app.procedure import run_procedure, stages
-from rona_core.app.runtime.deriving import derive, derive_all
+from rona_core.app.runtime.handling import derive, derive_all
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.scan.head_view import head_figures
 from rona_core.app.steps.setup.messages import SetSeed, SetWorld

@@ -23,7 +23,7 @@ from benchmarks.timed_procedure import (
     share_metrics,
     timed_procedure,
 )
-from rona_core.app.dependencies.inputs import required
+from rona_core.app.dependencies.staleness import required
 from rona_core.app.steps.acoustics.inputs import ROBOT_PROBE
 from rona_core.app.steps.maps.derivation import Survey, detect_survey
 from rona_core.app.steps.maps.messages import StartMapping

@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.metric import Metric, Progress, cpu_ms, over_seeds
 from benchmarks.reference.volume_modes import compounded, filled
 from benchmarks.suites.honesty.design import session_of
-from rona_core.app.dependencies.inputs import required
+from rona_core.app.dependencies.staleness import required
 from rona_core.app.steps.maps.inputs import MAPS
 from rona_core.app.steps.maps.volume import echo_volume, scan_lines
 from rona_core.geometry.pose import Pose

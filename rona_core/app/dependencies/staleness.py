@@ -1,18 +1,183 @@
-"""Staleness: whether the inputs of a result, or the set-up of a capture, have changed since."""
+"""Inputs by name, and staleness: whether those of a result or capture have changed since."""
 
-from typing import Any
+from collections.abc import Callable
+from functools import cache
+from typing import Any, TypeVar
 
-from rona_core.app.declarations.inputs import Input, is_missing
+import numpy as np
+
+from rona_core.app.declarations.inputs import Input, Quantity, is_missing
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.dependencies.inputs import CAPTURE, missing
-from rona_core.app.dependencies.obstacles import obstacles_of
+from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
+from rona_core.calibration.surface_registration import SurfaceRegistration
+from rona_core.devices.workcell import workcell_pose
 from rona_core.devices.world_settings import NOMINAL_WORLD
-from rona_core.errors import StepBlockedError
-from rona_core.robot.collision.obstacles import Obstacles
+from rona_core.errors import DegenerateGeometryError, StepBlockedError
+from rona_core.geometry.arrays import Vector3
+from rona_core.geometry.surface.cloud import SurfaceCloud
+from rona_core.robot.collision.obstacles import (
+    Obstacle,
+    Obstacles,
+    added_boxes,
+    head_as_placed,
+    head_from_cloud,
+    head_from_mesh,
+    table_and_floor,
+    tracker_stand,
+)
+from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.captures import Capture, PointerCapture, is_imported
 from rona_core.session.codec import digest
 from rona_core.session.document import Derived, Session
 from rona_core.session.memo import Memo
+from rona_core.session.specimen import LoadedSkull
+
+T = TypeVar("T")
+CAPTURE = "capture "  # before the name of a capture, where results are named too
+
+
+@cache
+def result_input(name: str, *, optional: bool = False) -> Input[Any]:
+    """Return the value of a result as an input: one object for each result."""
+
+    def read(session: Session) -> object:
+        derived = session.results.get(name)
+        return None if derived is None else derived.value
+
+    return Input(read, None, name, optional)
+
+
+@cache
+def capture_input(name: str) -> Input[Any]:
+    """Return a capture as an input: one object for each capture."""
+    return Input(lambda session: session.captures.get(name), None, f"{CAPTURE}{name}")
+
+
+def wanted_for(item: Input[object]) -> str:
+    """Return what to do to get an input."""
+    if item.wanted is not None or item.upstream is None:
+        return item.wanted or ""
+    return wanted_of(item.upstream)
+
+
+def wanted_of(name: str) -> str:
+    """Return what to do to get a result (``"roll"``) or capture (``"capture scan"``)."""
+    if name.startswith(CAPTURE):
+        return REGISTRY.captures[name.removeprefix(CAPTURE)].wanted
+    return REGISTRY.result(name).wanted
+
+
+def missing(inputs: tuple[Input[object], ...], session: Session) -> str | None:
+    """Return what to do first, or None if nothing is missing."""
+    for item in inputs:
+        if not item.optional and is_missing(item.read(session)):
+            return wanted_for(item)
+    return None
+
+
+def required(item: Input[T] | Quantity[T], session: Session) -> T:
+    """Return an input or a quantity; raise StepBlockedError that says what to do first."""
+    value = item.read(session)
+    if value is None or is_missing(value):
+        parts = (item,) if isinstance(item, Input) else tuple(item.inputs().values())
+        raise StepBlockedError(f"first {missing(parts, session) or wanted_for(parts[0])}")
+    return value
+
+
+UP = np.array((0.0, 0.0, 1.0))
+
+_KNOWN: Memo[Obstacles] = Memo(16)
+
+
+def obstacles_of(session: Session, fresh: Callable[[str], bool]) -> Obstacles:
+    """Return everything that the robot is to keep away from, in ``base``.
+
+    The head is the registered skull of a file, else what a large head could be under the measured
+    patch, else a large head at its place in the set-up. Equal inputs give the same value.
+
+    Args:
+        session: Set-up, captures and results.
+        fresh: Maps a result's name to whether it is there and not stale; stale ones are not used.
+    """
+    results, setup = session.results, session.setup
+    tool = results.tool.value if results.tool and fresh("tool") else None
+    cloud = results.surface.value if tool and results.surface and fresh("surface") else None
+    skull = results.registration
+    usable = cloud and skull and skull.value.verdict != "bad" and fresh("registration")
+    found = skull.value if usable and skull else None
+    parts = (
+        setup.surroundings,
+        setup.devices.robot,
+        setup.specimen,
+        tool,
+        cloud,
+        found,
+        session.captures.surface,
+    )
+    return _KNOWN.get(parts, lambda: _build(session, tool, cloud, found))
+
+
+def _build(
+    session: Session,
+    tool: ToolRegistration | None,
+    cloud: SurfaceCloud | None,
+    found: SurfaceRegistration | None,
+) -> Obstacles:
+    settings = session.setup.surroundings
+    robot = session.setup.devices.robot
+    room, work_room = workcell_pose(robot), np.array(robot_model(robot.model).work_area.region_base)
+    head, sentence = _head(session, room @ work_room, tool, cloud, found)
+    stand = () if tool is None else tracker_stand(settings, tool.T_base_tracker)
+    return Obstacles(
+        things=(
+            head,
+            *table_and_floor(settings, room, work_room),
+            *stand,
+            *added_boxes(settings, room),
+        ),
+        self_margin_mm=settings.self_margin_mm,
+        sentence=sentence,
+    )
+
+
+def _head(
+    session: Session,
+    work_base: Vector3,
+    tool: ToolRegistration | None,
+    cloud: SurfaceCloud | None,
+    found: SurfaceRegistration | None,
+) -> tuple[Obstacle, str]:
+    settings, skull = session.setup.surroundings, session.setup.specimen
+    keep = settings.head_margin_mm
+    if tool is not None and cloud is not None:
+        try:
+            if found is not None and isinstance(skull, LoadedSkull):
+                vertices, T_base_skull = skull.mesh_vertices_skull, found.T_b_a.inv()
+                head = head_from_mesh(vertices, T_base_skull, cloud.points_base, keep)
+                return head, "Head: convex hull of the registered skull and of the touched points."
+            outward = _outward(tool, cloud, session.captures.surface)
+            head = head_from_cloud(cloud.points_base, outward, keep)
+            return head, "Head: all that a large head could be under the touched patch."
+        except DegenerateGeometryError as error:
+            why = f" ({error})"
+    else:
+        why = " (not touched yet)"
+    below = np.array((0.0, 0.0, settings.head_below_mm))
+    head = head_as_placed(work_base - below, keep)
+    return head, f"Head: a large head at its place in the set-up{why}."
+
+
+def _outward(
+    tool: ToolRegistration, cloud: SurfaceCloud, strokes: tuple[PointerCapture, ...]
+) -> Vector3:
+    """Return the direction from the patch to where the markers of the pointer were; else up."""
+    seen = [stroke.marker.Ts_tracker_marker.translations for stroke in strokes]
+    markers = [places for places in seen if len(places)]
+    if not markers:
+        return UP
+    way = tool.T_base_tracker @ np.vstack(markers).mean(axis=0) - cloud.points_base.mean(axis=0)
+    length_mm = float(np.linalg.norm(way))
+    return way / length_mm if length_mm > 0.0 else UP
 
 
 def capture_setup_digest(kind: str, session: Session) -> str:

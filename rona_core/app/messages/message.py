@@ -1,15 +1,21 @@
-"""What every message is: a frozen dataclass of plain values, whose fields state their limits.
+"""What every message is, and messages as plain values, for the log and for replay.
 
-Lengths are in millimetres, angles typed by people in degrees, times in seconds.
+What every message is: a frozen dataclass of plain values, whose fields state their limits. Lengths
+are in millimetres, angles typed by people in degrees, times in seconds.
 """
 
+import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, TypeVar, dataclass_transform
 
+from rona_core.app.declarations.declarations import Message
+from rona_core.app.declarations.registry import REGISTRY
 from rona_core.devices.limits import require_limits
 from rona_core.devices.settings import STRICT
+from rona_core.errors import InvalidInputError
 from rona_core.session.captures import Capture
+from rona_core.session.codec import decode, digest, encode
 
 T = TypeVar("T")
 Point = tuple[float, float, float]
@@ -64,3 +70,53 @@ class Answer:
     """What an activity found, for who asked; the session does not hold it."""
 
     value: object
+
+
+def serialize_arguments(message: Message) -> dict[str, object]:
+    """Return the fields of a message as JSON values; of an outcome, what identifies it."""
+    if type(message).__name__ in REGISTRY.messages:
+        plain = encode(message, "", {})
+        plain.pop("$type")
+        return plain
+    result: dict[str, object] = {}
+    for one in dataclasses.fields(message):
+        value = getattr(message, one.name)
+        if isinstance(value, Mapping):
+            held = {name: _identity(item) for name, item in value.items()}
+            value = {name: item for name, item in held.items() if item is not None}
+            if one.name == "values":
+                result[one.name] = value
+        elif (plain := _identity(value)) is not None:
+            result[one.name] = plain
+    return result
+
+
+def _identity(value: object) -> object:
+    """Return what identifies a value: itself, or its digest; None where nothing does."""
+    if isinstance(value, bool | int | float | str):
+        return value
+    if not dataclasses.is_dataclass(value):
+        return None
+    ordinal = {"ordinal": getattr(value, "ordinal")} if hasattr(value, "ordinal") else {}  # noqa: B009
+    return {**ordinal, "digest": digest(value)}
+
+
+def message_from(name: str, arguments: Mapping[str, object]) -> Message:
+    """Return the command or activity of that name with these plain fields.
+
+    A field that is missing has its default: older logs do not know newer fields.
+
+    Raises:
+        InvalidInputError: no such message.
+        SessionFormatError: a field that it does not know, one without default that is missing, or
+            a value that does not fit.
+    """
+    kind = REGISTRY.messages.get(name)
+    if kind is None:
+        raise InvalidInputError(f"there is no message {name!r}")
+    defaults = {
+        one.name: encode(one.default, "", {})
+        for one in dataclasses.fields(kind)
+        if one.default is not dataclasses.MISSING
+    }
+    return decode({"$type": name, **defaults, **arguments}, kind, {}, name)

@@ -6,8 +6,7 @@ from typing import Any, Literal
 
 from rona_core.app.declarations.figures import FIGURES, PREDICTED, SECTIONS, Figure, Sense
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.dependencies.inputs import CAPTURE
-from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.dependencies.staleness import CAPTURE, stale_reason
 from rona_core.app.steps.boundaries.probe_advice import probe_advice
 from rona_core.app.steps.scan.head_view import unwatched
 from rona_core.app.steps.scan.landmarks.gate import verification

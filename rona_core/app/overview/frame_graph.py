@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rona_core.app.dependencies.base_reference import placed_reason, reference_of
 from rona_core.app.dependencies.judge import judge_part
+from rona_core.app.dependencies.references import placed_reason, reference_of
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.implant.burr.registration import BurrRegistration
 from rona_core.app.steps.implant.implant_bed import ImplantBed

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rona_core.app.dependencies.base_reference import TrackerReference, weakest_reference
-from rona_core.app.dependencies.inputs import required
+from rona_core.app.dependencies.references import TrackerReference, weakest_reference
+from rona_core.app.dependencies.staleness import required
 from rona_core.app.steps.acoustics.thickness_uncertainty import thickness_shares
 from rona_core.app.steps.pointer.inputs import EVIDENCE
 from rona_core.app.steps.pointer.touched_places import Evidence, repeating_errors

@@ -8,10 +8,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from rona_core import __version__
+from rona_core.app.dependencies.judge import State, StepState, step_states
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.dependencies.step_states import State, StepState, step_states
 from rona_core.app.overview.acceptance import QualityRow, quality_rows
-from rona_core.app.report.bed_section import bed_section
 from rona_core.app.report.map_sections import (
     accuracy_section,
     map_facts,
@@ -20,6 +19,7 @@ from rona_core.app.report.map_sections import (
 )
 from rona_core.app.report.page import Html, facts, joined, note, table, tag, tile, whole_page
 from rona_core.app.report.sections import (
+    bed_section,
     calibration_section,
     certified,
     motion_section,

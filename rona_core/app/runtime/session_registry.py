@@ -7,9 +7,8 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from rona_core.app.runtime.saving.autosave import Autosave, CopyState
+from rona_core.app.runtime.saving.autosave import Autosave, CopyState, LostSession, Recovery
 from rona_core.app.runtime.saving.journal import read_journal, restore
-from rona_core.app.runtime.saving.recovery import LostSession, Recovery
 from rona_core.app.runtime.saving.session_files import FileState, SessionFiles, plain_name
 from rona_core.app.runtime.workbench import Services, Workbench
 from rona_core.devices.limits import require

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
 from rona_core.app.declarations.declarations import Message
-from rona_core.app.messages.serialization import serialize_arguments
+from rona_core.app.messages.message import serialize_arguments
 from rona_core.app.runtime.handling import handle
 from rona_core.app.runtime.session_step import Redo, Undo
 from rona_core.errors import InvalidInputError

@@ -21,9 +21,8 @@ from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.judge import require_for
 from rona_core.app.messages.exact_types import require_exact
 from rona_core.app.messages.message import Answer
-from rona_core.app.runtime.free_memory import release_memory
 from rona_core.app.runtime.jobs import Ended, Jobs, JobStatus
-from rona_core.app.runtime.process_pool import use_one_thread
+from rona_core.app.runtime.process_pool import release_memory, use_one_thread
 from rona_core.app.runtime.store import Change, Store
 from rona_core.devices.live import Live
 from rona_core.devices.protocols import Cancel, Operator, Progress, Rig, never, silent

@@ -9,8 +9,7 @@ from fastapi import APIRouter, Depends, Response
 
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.runtime.jobs import JobState, JobStatus
-from rona_core.app.runtime.recompute import Replay
-from rona_core.app.runtime.session_step import StartReplay
+from rona_core.app.runtime.session_step import Replay, StartReplay
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.maps.comparison import MapComparison
 from rona_core.errors import NotFoundError

@@ -7,7 +7,7 @@ from fastapi import APIRouter, Query
 
 from rona_core.app.declarations.declarations import Message, Standing
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.messages.serialization import serialize_arguments
+from rona_core.app.messages.message import serialize_arguments
 from rona_core.app.procedure import OFFERED, PROCEDURE, Stage, next_stage
 from rona_core.errors import InvalidInputError
 from rona_core.session.document import Session

@@ -5,7 +5,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Path, Response
 
-from rona_core.app.runtime.saving.recovery import LostSession
+from rona_core.app.runtime.saving.autosave import LostSession
 from rona_ui.api.bodies import BodyRoute
 from rona_ui.api.context import PREFIX, Sessions
 from rona_ui.api.session_info import SessionInfo, info

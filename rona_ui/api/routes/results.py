@@ -9,8 +9,8 @@ from fastapi import APIRouter, Query, Response
 from fastapi.responses import HTMLResponse
 
 from rona_core.app.declarations.registry import REGISTRY
+from rona_core.app.dependencies.judge import StepState, step_states
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.dependencies.step_states import StepState, step_states
 from rona_core.app.overview.acceptance import QualityRow, quality_rows
 from rona_core.app.overview.frame_graph import frame_rows
 from rona_core.app.report.page import POLICY

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from rona_core.app.dependencies.step_states import StepState
+from rona_core.app.dependencies.judge import StepState
 from rona_core.app.overview.acceptance import (
     WORST_FIRST,
     QualityRow,

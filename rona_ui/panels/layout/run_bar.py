@@ -7,7 +7,7 @@ from typing import Any
 
 from rona_core.app.declarations.declarations import Judgement
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.dependencies.step_states import StepState, step_judgement
+from rona_core.app.dependencies.judge import StepState, step_judgement
 from rona_core.app.overview.acceptance import Judgement as FiguresJudgement
 from rona_core.app.procedure import Stage, next_stage
 from rona_core.app.steps.scan.messages import StartHome, StartRetract

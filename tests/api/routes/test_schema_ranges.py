@@ -12,7 +12,7 @@ from random import Random
 import pytest
 
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.messages.serialization import message_from
+from rona_core.app.messages.message import message_from
 from rona_core.app.runtime.jobs import Jobs
 from rona_core.devices.limits import limits_of, meaning
 from rona_core.errors import DeviceError, RonaError

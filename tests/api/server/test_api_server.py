@@ -7,7 +7,7 @@ import httpx2
 import pytest
 
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.messages.serialization import serialize_arguments
+from rona_core.app.messages.message import serialize_arguments
 from rona_core.app.procedure import PROCEDURE
 from rona_core.app.runtime.session_step import Undo
 from rona_core.app.steps.acoustics.messages import StartCaliperMeasurements

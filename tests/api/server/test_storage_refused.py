@@ -32,7 +32,7 @@ WRITES |= {"TemporaryDirectory", "TemporaryFile", "makedirs", "rename", "symlink
 # who writes -> what of this file has it refused; a new one is to be added with its own
 PLACES = {
     "rona_core/app/runtime/saving/journal.py": "tests/app/runtime/test_autosave.py",
-    "rona_core/app/runtime/saving/run_folder.py": "tests/app/runtime/test_autosave.py",
+    "rona_core/app/runtime/saving/autosave.py": "tests/app/runtime/test_autosave.py",
     "rona_core/devices/files/reader_process.py": "a recording is read",
     "rona_core/session/files.py": "a session is saved",
     "rona_ui/api/file_body.py": "a file is uploaded",

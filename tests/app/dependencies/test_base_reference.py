@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.app.dependencies.base_reference import placed_reason, reference_of
+from rona_core.app.dependencies.judge import step_states
+from rona_core.app.dependencies.references import placed_reason, reference_of
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.overview.predicted_accuracy import predict_surface
 from rona_core.app.runtime.handling import handle
 from rona_core.app.steps.path.messages import BuildPath

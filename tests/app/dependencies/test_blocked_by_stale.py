@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
+from rona_core.app.dependencies.judge import step_states
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.runtime.handling import handle
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.maps.messages import StartGapScan, StartMapping

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.app.runtime.recompute import replay
-from rona_core.app.runtime.session_step import Undo
+from rona_core.app.runtime.session_step import Undo, replay
 from rona_core.app.steps.pointer.messages import CalibratePointer, ExcludePoses
 from rona_core.app.steps.tool.calibration_view import EXCLUDED, REJECTED, USED, calibration_view
 from rona_core.app.steps.tool.derivation import tool_poses

@@ -5,7 +5,7 @@ from itertools import count
 
 import pytest
 
-from rona_core.app.dependencies.step_states import step_states
+from rona_core.app.dependencies.judge import step_states
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.boundaries.ascan_view import ascan_plot
 from rona_core.app.steps.boundaries.handlers import detection_of_scan

@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.dependencies.inputs import CAPTURE
 from rona_core.app.dependencies.judge import blocked, judge_part
+from rona_core.app.dependencies.staleness import CAPTURE
 from rona_core.app.runtime.handling import handle
 from rona_core.app.steps.implant.messages import PlanMilling, StartBedSearch
 from rona_core.app.steps.maps.messages import StartMapping

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.dependencies.obstacles import obstacles_of
-from rona_core.app.dependencies.staleness import session_obstacles
+from rona_core.app.dependencies.staleness import obstacles_of, session_obstacles
 from rona_core.app.steps.roll import plan_reasons
 from rona_core.app.steps.roll.certificate_view import certificate_view
 from rona_core.app.steps.roll.plan_reasons import plan_reason

@@ -12,7 +12,7 @@ import pytest
 
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.staleness import digest_of, input_digests, stale_reason
-from rona_core.app.messages.serialization import message_from
+from rona_core.app.messages.message import message_from
 from rona_core.app.runtime.handling import handle
 from rona_core.app.runtime.session_step import RenameSession
 from rona_core.app.runtime.workbench import Workbench

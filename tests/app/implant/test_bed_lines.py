@@ -7,8 +7,8 @@ import pytest
 
 from rona_core.app.dependencies.judge import blocked
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.messages.serialization import message_from
-from rona_core.app.runtime.deriving import read_inputs
+from rona_core.app.messages.message import message_from
+from rona_core.app.runtime.handling import read_inputs
 from rona_core.app.steps.implant.bed_lines import hearing_around, lines_verdict
 from rona_core.app.steps.implant.inputs import LinesInputs
 from rona_core.app.steps.implant.messages import PlaceBed, StartBedLines

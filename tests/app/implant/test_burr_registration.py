@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.app.dependencies.inputs import required
 from rona_core.app.dependencies.judge import blocked, judge_part
-from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.dependencies.staleness import required, stale_reason
 from rona_core.app.steps.implant.burr.inputs import KNOWN_BURR
 from rona_core.app.steps.implant.burr.messages import RegisterBurr, StartBurrCapture
 from rona_core.app.steps.implant.burr.view import burr_words

@@ -8,9 +8,8 @@ from scipy.interpolate import RegularGridInterpolator
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.dependencies.judge import blocked
+from rona_core.app.dependencies.judge import blocked, step_states
 from rona_core.app.dependencies.staleness import session_obstacles, stale_reason
-from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.steps.implant import milling_motion as milling_motion_module
 from rona_core.app.steps.implant.bed_milling import robot_path_of
 from rona_core.app.steps.implant.bone_left import bone_left_mm, bone_over_bed

@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 from rona_core.app.dependencies.staleness import input_digests
-from rona_core.app.messages.serialization import serialize_arguments
-from rona_core.app.runtime.deriving import derive_all
+from rona_core.app.messages.message import serialize_arguments
+from rona_core.app.runtime.handling import derive_all
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.devices.samples import AScanTrack
 from rona_core.session.captures import ScanCapture

@@ -7,11 +7,9 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from rona_core.app.dependencies.inputs import required
-from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.dependencies.staleness import required, stale_reason
 from rona_core.app.messages.message import StoreCapture
-from rona_core.app.runtime.deriving import derive_again, derive_all
-from rona_core.app.runtime.handling import handle
+from rona_core.app.runtime.handling import derive_again, derive_all, handle
 from rona_core.app.steps.boundaries.ascan_view import (
     ascan_plot,
     scan_number_at,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import RectBivariateSpline
 
-from rona_core.app.dependencies.inputs import required
+from rona_core.app.dependencies.staleness import required
 from rona_core.app.steps.acoustics.inputs import ROBOT_PROBE
 from rona_core.app.steps.maps.growing_map import MapGrower
 from rona_core.devices.live import RecordedSoFar

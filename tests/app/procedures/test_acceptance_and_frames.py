@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from rona_core.app.declarations.figures import FIGURES
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.dependencies.base_reference import reference_of
+from rona_core.app.dependencies.references import reference_of
 from rona_core.app.overview.acceptance import quality_rows, verdict
 from rona_core.app.overview.frame_graph import frame_rows
 from rona_core.app.runtime.handling import handle

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.dependencies.step_states import step_states
-from rona_core.app.messages.serialization import message_from
-from rona_core.app.runtime.recompute import recompute, replay
+from rona_core.app.dependencies.judge import step_states
+from rona_core.app.messages.message import message_from
+from rona_core.app.runtime.session_step import recompute, replay
 from rona_core.errors import CancelledError
 from rona_core.session.codec import digest
 from rona_core.session.files import load_session, session_bytes, session_from_bytes

@@ -6,8 +6,7 @@ from dataclasses import replace
 import pytest
 
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.dependencies.judge import judge_part
-from rona_core.app.dependencies.step_states import step_states
+from rona_core.app.dependencies.judge import judge_part, step_states
 from rona_core.app.procedure import (
     OFFERED,
     PROCEDURE,

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rona_core.app.dependencies.step_states import step_states
+from rona_core.app.dependencies.judge import step_states
 from rona_core.app.procedure import TO_MAPS, run_procedure
-from rona_core.app.runtime.recompute import replay
+from rona_core.app.runtime.session_step import replay
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.path.messages import StartPathCapture
 from rona_core.app.steps.roll.messages import ChooseRoll, StartRollSearch
@@ -37,7 +37,7 @@ class Wall:
         if name.startswith(("rona_core.virtual", "rona_core.evaluation", "rona_core.compose")):
             raise ImportError(f"{name} must not be needed here")
 sys.meta_path.insert(0, Wall())
-from rona_core.app.runtime.recompute import replay
+from rona_core.app.runtime.session_step import replay
 from rona_core.session.files import load_session
 results = replay(load_session(sys.argv[1]))
 assert not any(name.startswith("rona_core.virtual") for name in sys.modules)

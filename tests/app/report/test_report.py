@@ -13,10 +13,10 @@ from PIL import Image
 
 from rona_core.app.overview.acceptance import quality_rows
 from rona_core.app.overview.bed_figures import bed_rows
-from rona_core.app.report.bed_section import bed_section
+from rona_core.app.report.map_sections import BARS, runs, thickness_histogram
 from rona_core.app.report.page import Html, table, tag
 from rona_core.app.report.report import session_report, workbench_report
-from rona_core.app.report.thickness_graphs import BARS, runs, thickness_histogram
+from rona_core.app.report.sections import bed_section
 from rona_core.app.steps.implant.messages import PlaceBed
 from rona_core.app.steps.implant.milling_plan import milling_verdict
 from rona_core.app.steps.implant.rehearsal import rehearsal_verdict

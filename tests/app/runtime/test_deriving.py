@@ -7,11 +7,15 @@ import pytest
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.inputs import Input, Quantity, given, input_parts, inputs
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.dependencies.inputs import capture_input, required, result_input
-from rona_core.app.dependencies.staleness import input_digests, stale_reason
-from rona_core.app.messages.message import message
-from rona_core.app.messages.serialization import serialize_arguments
-from rona_core.app.runtime.deriving import derive_all, read_inputs
+from rona_core.app.dependencies.staleness import (
+    capture_input,
+    input_digests,
+    required,
+    result_input,
+    stale_reason,
+)
+from rona_core.app.messages.message import message, serialize_arguments
+from rona_core.app.runtime.handling import derive_all, read_inputs
 from rona_core.app.steps.setup.inputs import SCAN_SPEED
 from rona_core.devices.limits import number
 from rona_core.devices.protocols import Cancel, Progress

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rona_core.app.runtime import free_memory
+from rona_core.app.runtime import process_pool
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="malloc_trim is of glibc")
 def test_freed_pieces_go_back_to_the_system():
-    if free_memory._trim() is None:
+    if process_pool._trim() is None:
         pytest.skip("this C library has no malloc_trim")
 
     def resident_pages():
@@ -21,11 +21,11 @@ def test_freed_pieces_go_back_to_the_system():
     kept = held[::100]  # the heap cannot shrink from its end
     full = resident_pages()
     del held
-    free_memory.release_memory()
+    process_pool.release_memory()
     assert resident_pages() < full - 0.7 * 2_000 * 64_000 / 4_096
     assert all(piece[0] == 1.0 for piece in kept)
 
 
 def test_without_such_a_library_nothing_happens(monkeypatch):
-    monkeypatch.setattr(free_memory, "_trim", lambda: None)
-    free_memory.release_memory()
+    monkeypatch.setattr(process_pool, "_trim", lambda: None)
+    process_pool.release_memory()

@@ -15,10 +15,14 @@ from pathlib import Path
 import pytest
 
 from rona_core.app.runtime.saving import autosave, journal
-from rona_core.app.runtime.saving.autosave import FOLDER, Autosave
+from rona_core.app.runtime.saving.autosave import (
+    FOLDER,
+    Autosave,
+    Recovery,
+    RunFolder,
+    dead_folders,
+)
 from rona_core.app.runtime.saving.journal import MOST_ENTRIES, Reach, read_journal
-from rona_core.app.runtime.saving.recovery import Recovery
-from rona_core.app.runtime.saving.run_folder import RunFolder, dead_folders
 from rona_core.app.runtime.session_registry import MAX_OPEN
 from rona_core.app.runtime.session_step import Redo, RenameSession, Undo
 from rona_core.app.runtime.store import Store

@@ -8,7 +8,7 @@ from io import BytesIO
 import pytest
 
 from rona_core import __version__
-from rona_core.app.runtime.recompute import replay, replay_report
+from rona_core.app.runtime.session_step import replay, replay_report
 from rona_core.app.steps.pointer.messages import CalibratePointer, StartPointerCapture
 from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.compose import new_workbench

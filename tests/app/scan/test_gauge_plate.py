@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from rona_core.app.dependencies.inputs import required
 from rona_core.app.dependencies.judge import judge_part
-from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.dependencies.staleness import required, stale_reason
 from rona_core.app.procedure import run_procedure, stages
 from rona_core.app.steps.acoustics.inputs import HELD_PROBE, ROBOT_PROBE
 from rona_core.app.steps.maps.messages import StartMapping

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.app.dependencies.judge import blocked
+from rona_core.app.dependencies.judge import blocked, step_states
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.steps.maps.messages import StartGapScan
 from rona_core.app.steps.scan.landmarks.gate import verification
 from rona_core.app.steps.scan.landmarks.messages import (

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rona_core.app.declarations.declarations import ActivityContext
-from rona_core.app.dependencies.head_reference import watch_head
+from rona_core.app.dependencies.references import watch_head
 from rona_core.app.dependencies.staleness import session_obstacles
 from rona_core.app.steps.scan import captures as scan_capture
 from rona_core.app.steps.scan.captures import capture_scan

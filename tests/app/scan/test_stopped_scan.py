@@ -6,8 +6,8 @@ from itertools import count
 import numpy as np
 import pytest
 
+from rona_core.app.dependencies.judge import step_states
 from rona_core.app.dependencies.staleness import session_obstacles
-from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.roll.messages import StartRollSearch

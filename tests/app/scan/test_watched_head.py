@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.app.dependencies.head_reference import watch_head
+from rona_core.app.dependencies.judge import step_states
+from rona_core.app.dependencies.references import watch_head
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.overview.acceptance import quality_rows
 from rona_core.app.procedure import run_procedure, stages
 from rona_core.app.steps.path.messages import StartPathCapture

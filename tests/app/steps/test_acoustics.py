@@ -5,11 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.app.dependencies.inputs import required
 from rona_core.app.dependencies.judge import judge_part
-from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.runtime.recompute import recompute
-from rona_core.app.runtime.session_step import Undo
+from rona_core.app.dependencies.staleness import required, stale_reason
+from rona_core.app.runtime.session_step import Undo, recompute
 from rona_core.app.steps.acoustics.inputs import HELD_PROBE, KNOWN_SPEED
 from rona_core.app.steps.acoustics.messages import (
     AddReferencePoint,

@@ -5,11 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.app.dependencies.obstacles import workcell_pose
-from rona_core.app.dependencies.staleness import session_obstacles, stale_reason
+from rona_core.app.dependencies.staleness import session_obstacles, stale_reason, workcell_pose
 from rona_core.app.procedure import run_procedure, stages
-from rona_core.app.runtime.recompute import replay
-from rona_core.app.runtime.session_step import Undo
+from rona_core.app.runtime.session_step import Undo, replay
 from rona_core.app.steps.roll.base_placement import advice, moves, placement_view
 from rona_core.app.steps.roll.messages import ApplyBasePlacement, StartBasePlacement
 from rona_core.app.steps.roll.place_search import obstacles_from

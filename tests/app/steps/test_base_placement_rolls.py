@@ -3,8 +3,8 @@
 import pytest
 
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.runtime.deriving import derive_again
-from rona_core.app.runtime.recompute import replay
+from rona_core.app.runtime.handling import derive_again
+from rona_core.app.runtime.session_step import replay
 from rona_core.app.steps.roll.messages import (
     ApplyBasePlacement,
     StartBasePlacement,

@@ -8,8 +8,7 @@ import pytest
 
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.messages.message import StoreCapture
-from rona_core.app.runtime.deriving import derive_all
-from rona_core.app.runtime.handling import handle
+from rona_core.app.runtime.handling import derive_all, handle
 from rona_core.app.runtime.session_step import Undo
 from rona_core.app.runtime.store import Store
 from rona_core.app.steps.acoustics.derivation import with_known_speed

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.runtime.recompute import replay
 from rona_core.app.runtime.saving.export_captures import export_recording, recorded_captures
+from rona_core.app.runtime.session_step import replay
 from rona_core.app.steps.path.messages import StartPathCapture
 from rona_core.app.steps.pointer.messages import StartPointerCapture
 from rona_core.app.steps.pointer.pivot_report import report_pivot

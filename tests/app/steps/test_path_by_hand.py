@@ -6,11 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rona_core.app.dependencies.judge import step_states
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.runtime.handling import handle
-from rona_core.app.runtime.recompute import replay
-from rona_core.app.runtime.session_step import Undo
+from rona_core.app.runtime.session_step import Undo, replay
 from rona_core.app.runtime.store import Store
 from rona_core.app.steps.path.handlers import is_kept, nearest_piece, nearest_point, sight
 from rona_core.app.steps.path.messages import (

@@ -8,8 +8,7 @@ import trimesh
 
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.overview.predicted_accuracy import predict_skull_mm
-from rona_core.app.runtime.recompute import replay
-from rona_core.app.runtime.session_step import Undo
+from rona_core.app.runtime.session_step import Undo, replay
 from rona_core.app.steps.pointer.messages import StartPointerCapture
 from rona_core.app.steps.setup.messages import SetSeed, StoreSkull
 from rona_core.app.steps.surface.messages import (

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 import rona_core.app
-from rona_core.app.dependencies.base_reference import REGISTERED
-from rona_core.app.dependencies.inputs import required
-from rona_core.app.dependencies.staleness import input_digests, stale_reason
+from rona_core.app.dependencies.references import REGISTERED
+from rona_core.app.dependencies.staleness import input_digests, required, stale_reason
 from rona_core.app.runtime.session_step import Undo
 from rona_core.app.steps.acoustics.inputs import HELD_PROBE, KNOWN_SPEED, ROBOT_PROBE
 from rona_core.app.steps.acoustics.messages import (

@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.app.dependencies.obstacles import obstacles_of
-from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.dependencies.staleness import obstacles_of, stale_reason
 from rona_core.app.runtime.handling import handle
 from rona_core.app.steps.setup.clearance import clearance_violations, drawn_obstacles
 from rona_core.app.steps.setup.messages import AddObstacle, RemoveObstacle, SetRobot, SetWorkcell

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from rona_core.app.messages.serialization import message_from, serialize_arguments
-from rona_core.app.runtime.recompute import replay
+from rona_core.app.messages.message import message_from, serialize_arguments
+from rona_core.app.runtime.session_step import replay
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.pointer.messages import StartPointerCapture
 from rona_core.compose import build_virtual_rig, virtual_services

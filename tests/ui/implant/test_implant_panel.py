@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.dependencies.step_states import step_states
+from rona_core.app.dependencies.judge import step_states
 from rona_core.app.steps.implant.bed_lines import lines_verdict
 from rona_core.app.steps.implant.burr.messages import StartBurrCapture
 from rona_core.app.steps.implant.burr.view import burr_words

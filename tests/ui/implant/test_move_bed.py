@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.app.messages.serialization import message_from
+from rona_core.app.messages.message import message_from
 from rona_core.app.steps.implant.view import moved_bed
 from rona_core.compose import new_workbench
 from rona_core.errors import StepBlockedError

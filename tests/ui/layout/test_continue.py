@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from rona_core.app.dependencies.step_states import step_states
+from rona_core.app.dependencies.judge import step_states
 from rona_core.app.procedure import next_stage
 from rona_core.app.runtime.handling import handle
 from rona_core.app.steps.maps.messages import StartMapping

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rona_core.app.declarations.figures import FIGURES
-from rona_core.app.dependencies.step_states import step_states
+from rona_core.app.dependencies.judge import step_states
 from rona_core.app.overview.acceptance import judgement, quality_rows
 from rona_core.app.runtime.handling import handle
 from rona_core.app.steps.path.messages import MovePathPoint

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from rona_core.app.dependencies.step_states import step_states
+from rona_core.app.dependencies.judge import step_states
 from rona_core.app.overview.acceptance import pending_figures
 from rona_core.app.runtime.handling import handle
 from rona_core.app.steps.setup.messages import SetSeed

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from rona_core.app.dependencies.step_states import step_states
+from rona_core.app.dependencies.judge import step_states
 from rona_core.app.runtime.jobs import JobStatus
 from rona_core.devices.live import LiveState
 from rona_core.session.document import LogEntry, Session

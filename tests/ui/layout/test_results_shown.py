@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rona_core.app.dependencies.step_states import step_states
+from rona_core.app.dependencies.judge import step_states
 from rona_core.app.runtime.jobs import JobStatus
 from rona_core.app.steps.maps.accuracy import map_accuracy
 from rona_core.app.steps.maps.comparison import MapComparison

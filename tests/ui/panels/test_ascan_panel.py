@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rona_core.app.dependencies.step_states import step_states
+from rona_core.app.dependencies.judge import step_states
 from rona_core.app.steps.boundaries.ascan_view import (
     ascan_plot,
     scan_marks,

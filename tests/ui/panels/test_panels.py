@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.dependencies.step_states import step_states
+from rona_core.app.dependencies.judge import step_states
 from rona_core.app.runtime.jobs import JobStatus
 from rona_core.app.steps.pointer.messages import StartPointerCapture
 from rona_core.app.steps.roll.view import JointCurves

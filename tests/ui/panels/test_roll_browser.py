@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rona_core.app.dependencies.judge import step_states
 from rona_core.app.dependencies.staleness import input_digests, session_obstacles
-from rona_core.app.dependencies.step_states import step_states
 from rona_core.app.overview.acceptance import quality_rows
 from rona_core.app.steps.boundaries.ascan_view import scan_number_at, scan_poses
 from rona_core.app.steps.roll.certificate_view import certificate_view

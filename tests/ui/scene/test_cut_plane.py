@@ -9,7 +9,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rona_core.app.dependencies.step_states import step_states
+from rona_core.app.dependencies.judge import step_states
 from rona_core.devices.live import LiveState
 from rona_core.geometry.mesh import Mesh
 from rona_core.geometry.pose import Pose

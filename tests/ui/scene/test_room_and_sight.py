@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from rona_core.app.dependencies.step_states import step_states
+from rona_core.app.dependencies.judge import step_states
 from rona_core.devices.live import LiveState
 from rona_core.devices.samples import ToolSample, TrackerFrame
 from rona_core.devices.settings import DeviceSettings

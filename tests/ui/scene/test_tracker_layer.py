@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.app.dependencies.step_states import step_states
+from rona_core.app.dependencies.judge import step_states
 from rona_core.devices.live import LiveState
 from rona_core.devices.settings import TrackerSettings
 from rona_core.devices.trackers import SILO, VOLUMES

@@ -19,7 +19,7 @@ from typing import Any
 from urllib.parse import quote
 
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.messages.serialization import message_from
+from rona_core.app.messages.message import message_from
 from rona_core.app.runtime.session_step import Redo, Undo
 from rona_core.app.runtime.store import Store
 from rona_core.errors import RonaError, SessionFormatError

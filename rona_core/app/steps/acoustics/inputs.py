@@ -1,8 +1,8 @@
 """Inputs that results take from calibrations of sound: speed of sound, delay line, the probe."""
 
 from rona_core.app.declarations.inputs import Input, Quantity, given, inputs
-from rona_core.app.dependencies.inputs import capture_input, result_input
 from rona_core.app.dependencies.judge import usable
+from rona_core.app.dependencies.staleness import capture_input, result_input
 from rona_core.app.steps.scan.inputs import KNOWN_MOUNTING, POSES
 from rona_core.app.steps.setup.inputs import BLOCK_PROBE, HAND_PROBE, PROBE
 from rona_core.devices.settings import ProbeSettings

@@ -3,8 +3,7 @@
 from dataclasses import replace
 
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.dependencies.inputs import required
-from rona_core.app.dependencies.staleness import made_of
+from rona_core.app.dependencies.staleness import made_of, required
 from rona_core.app.steps.acoustics.inputs import HELD_PROBE, ROBOT_PROBE
 from rona_core.app.steps.boundaries.messages import ClearBoundaryCorrections, CorrectBoundary
 from rona_core.app.steps.handheld.inputs import POSED

@@ -1,8 +1,8 @@
 """Inputs of the probe in the hand: its calibration, what it recorded, and where it was then."""
 
 from rona_core.app.declarations.inputs import Input, Quantity, given, inputs
-from rona_core.app.dependencies.base_reference import ANY_REGISTERED, Registered, found_again
-from rona_core.app.dependencies.inputs import capture_input, result_input
+from rona_core.app.dependencies.references import ANY_REGISTERED, Registered, found_again
+from rona_core.app.dependencies.staleness import capture_input, result_input
 from rona_core.app.steps.acoustics.inputs import HELD_PROBE, KNOWN_SPEED
 from rona_core.app.steps.handheld.places import delay_of, hand_poses, posed_scans
 from rona_core.app.steps.setup.inputs import CHOOSE_REFERENCE, HAND_PROBE, TRACKER_PROFILE

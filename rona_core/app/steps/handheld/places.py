@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rona_core.app.dependencies.base_reference import Registered
+from rona_core.app.dependencies.references import Registered
 from rona_core.calibration.hand_eye.reference_markers import MIN_FRAMES, mean_base
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.calibration.handheld.tracked_probe import SonoCalibration

@@ -1,6 +1,6 @@
 """Bone over the bed of step 10 while its milling is replayed."""
 
-from rona_core.app.dependencies.inputs import required
+from rona_core.app.dependencies.staleness import required
 from rona_core.app.steps.implant.bed_milling import robot_path_of
 from rona_core.app.steps.implant.milling_motion import way_at
 from rona_core.app.steps.implant.view import milling_view

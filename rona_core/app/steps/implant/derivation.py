@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rona_core.app.runtime.free_memory import release_memory
+from rona_core.app.runtime.process_pool import release_memory
 from rona_core.app.steps.implant.implant_bed import LACKS, ImplantBed, PlacedBed, TriedLift
 from rona_core.app.steps.implant.inputs import BedInputs
 from rona_core.app.steps.implant.messages import Corners, PlaceBed, StartBedSearch

@@ -1,7 +1,7 @@
 """Inputs of the bed of step 10, of lines for it and of its milling."""
 
 from rona_core.app.declarations.inputs import Input, Quantity, given, inputs
-from rona_core.app.dependencies.inputs import result_input
+from rona_core.app.dependencies.staleness import result_input
 from rona_core.app.steps.acoustics.inputs import DETECTION
 from rona_core.app.steps.implant.burr.inputs import KNOWN_BURR
 from rona_core.app.steps.implant.burr.registration import BurrRegistration

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rona_core.app.runtime.free_memory import release_memory
+from rona_core.app.runtime.process_pool import release_memory
 from rona_core.app.steps.implant.bed_milling import MillingView, bed_milling, robot_path_of
 from rona_core.app.steps.implant.burr.registration import BurrRegistration
 from rona_core.app.steps.implant.inputs import MillingInputs

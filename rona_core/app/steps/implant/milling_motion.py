@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from rona_core.app.dependencies.inputs import required
 from rona_core.app.dependencies.judge import judge
-from rona_core.app.dependencies.staleness import session_obstacles
+from rona_core.app.dependencies.staleness import required, session_obstacles
 from rona_core.app.steps.implant.bed_milling import MillingView, robot_path_of
 from rona_core.app.steps.implant.burr.inputs import KNOWN_BURR
 from rona_core.app.steps.implant.inputs import MILLING

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rona_core.app.dependencies.judge import judge_part
-from rona_core.app.runtime.free_memory import release_memory
+from rona_core.app.runtime.process_pool import release_memory
 from rona_core.app.steps.implant.messages import RehearseMilling
 from rona_core.app.steps.implant.milling_motion import require_certified
 from rona_core.app.steps.implant.milling_plan import MillingPlan, why_no_milling

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rona_core.app.dependencies.inputs import required
+from rona_core.app.dependencies.staleness import required
 from rona_core.app.steps.acoustics.inputs import DETECTION, KNOWN_SPEED, ROBOT_PROBE
 from rona_core.app.steps.implant.bed_milling import burr_way_of, raised_view
 from rona_core.app.steps.implant.derivation import mapped_bone

@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.app.dependencies.inputs import required
 from rona_core.app.dependencies.judge import judge
-from rona_core.app.messages.serialization import message_from
+from rona_core.app.dependencies.staleness import required
+from rona_core.app.messages.message import message_from
 from rona_core.app.steps.implant.bed_milling import MillingView, bed_milling
 from rona_core.app.steps.implant.implant_bed import ImplantBed, PlacedBed
 from rona_core.app.steps.implant.inputs import BED, WANTED

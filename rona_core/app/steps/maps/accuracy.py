@@ -6,10 +6,9 @@ It follows from what a session holds, so that maps of older files are as honest 
 from collections.abc import Mapping
 
 from rona_core.app.declarations.inputs import Input, Quantity
-from rona_core.app.dependencies.head_reference import HeadReference
-from rona_core.app.dependencies.inputs import required, result_input
 from rona_core.app.dependencies.judge import judge
-from rona_core.app.dependencies.staleness import made_of
+from rona_core.app.dependencies.references import HeadReference
+from rona_core.app.dependencies.staleness import made_of, required, result_input
 from rona_core.app.steps.acoustics.inputs import DETECTION, KNOWN_LINE
 from rona_core.app.steps.acoustics.thickness_uncertainty import speed_of_maps
 from rona_core.app.steps.maps.error_budget import ErrorBudget, error_budgets

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rona_core.app.declarations.declarations import ActivityContext
-from rona_core.app.dependencies.inputs import required
-from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.dependencies.staleness import required, stale_reason
 from rona_core.app.messages.message import Answer
 from rona_core.app.steps.maps.accuracy import map_accuracy
 from rona_core.app.steps.maps.inputs import MAPS

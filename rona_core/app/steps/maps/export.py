@@ -9,8 +9,7 @@ from functools import partial
 
 from rona_core import __version__
 from rona_core.app.declarations.declarations import Export
-from rona_core.app.dependencies.inputs import required
-from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.dependencies.staleness import required, stale_reason
 from rona_core.app.steps.maps.accuracy import map_accuracy
 from rona_core.app.steps.maps.inputs import MAPS
 from rona_core.errors import StaleResultError

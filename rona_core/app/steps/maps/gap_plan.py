@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from rona_core.app.declarations.declarations import Arguments
-from rona_core.app.messages.serialization import message_from
+from rona_core.app.messages.message import message_from
 from rona_core.app.steps.maps.derivation import (
     both_maps,
     detect_again,

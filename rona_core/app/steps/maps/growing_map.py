@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from rona_core.app.dependencies.inputs import required
+from rona_core.app.dependencies.staleness import required
 from rona_core.app.steps.acoustics.inputs import ROBOT_PROBE
 from rona_core.app.steps.scan.inputs import KNOWN_MOUNTING
 from rona_core.app.steps.scan.planned_motion import plan_of

@@ -3,8 +3,7 @@
 from dataclasses import dataclass
 
 from rona_core.app.declarations.inputs import Input, Quantity, given, inputs
-from rona_core.app.dependencies.inputs import result_input
-from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.dependencies.staleness import result_input, stale_reason
 from rona_core.app.steps.acoustics.inputs import DETECTION, KNOWN_SPEED, ROBOT_PROBE
 from rona_core.app.steps.maps.further_passes import Passes, usable_second
 from rona_core.app.steps.path.painting import PAINTED

@@ -5,7 +5,7 @@ from dataclasses import replace
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import USABLE, Judgement, Remedy
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.dependencies.step_states import partial_reason
+from rona_core.app.dependencies.judge import partial_reason
 from rona_core.app.runtime.handling import compute, record
 from rona_core.app.steps.maps.comparison import compare_with_upload
 from rona_core.app.steps.maps.derivation import (

@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.app.dependencies.inputs import required
-from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.dependencies.staleness import required, stale_reason
 from rona_core.app.steps.acoustics.inputs import DETECTION, ROBOT_PROBE
 from rona_core.app.steps.maps.further_passes import joined_poses, joined_scans
 from rona_core.app.steps.maps.inputs import MAPS

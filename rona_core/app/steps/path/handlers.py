@@ -6,11 +6,9 @@ from functools import singledispatch
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.app.dependencies.inputs import required
 from rona_core.app.dependencies.judge import require_inputs
-from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.messages.message import Point
-from rona_core.app.messages.serialization import message_from
+from rona_core.app.dependencies.staleness import required, stale_reason
+from rona_core.app.messages.message import Point, message_from
 from rona_core.app.runtime.handling import compute_result
 from rona_core.app.steps.path import messages
 from rona_core.app.steps.path.inputs import PATH, SMOOTHING

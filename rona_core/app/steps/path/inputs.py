@@ -6,10 +6,15 @@ from dataclasses import replace
 import numpy as np
 
 from rona_core.app.declarations.inputs import Input, Quantity, given, inputs
-from rona_core.app.dependencies.base_reference import REGISTERED, Registered, found_again
-from rona_core.app.dependencies.head_reference import HeadReference, head_input, head_of
-from rona_core.app.dependencies.inputs import capture_input, result_input
-from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.dependencies.references import (
+    REGISTERED,
+    HeadReference,
+    Registered,
+    found_again,
+    head_input,
+    head_of,
+)
+from rona_core.app.dependencies.staleness import capture_input, result_input, stale_reason
 from rona_core.app.steps.path.messages import GenerateScanPattern
 from rona_core.app.steps.path.painting import PAINTED
 from rona_core.app.steps.pointer.inputs import POINTER

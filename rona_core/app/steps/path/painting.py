@@ -7,8 +7,8 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from rona_core.app.declarations.inputs import Input
-from rona_core.app.dependencies.inputs import required
 from rona_core.app.dependencies.judge import require_inputs
+from rona_core.app.dependencies.staleness import required
 from rona_core.app.steps.path.messages import (
     ClearPaintedRegions,
     PaintRegion,

@@ -4,10 +4,9 @@ import numpy as np
 
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext
-from rona_core.app.dependencies.base_reference import carried_remark
+from rona_core.app.dependencies.references import carried_remark
 from rona_core.app.messages.message import Point
-from rona_core.app.runtime.deriving import read_inputs
-from rona_core.app.runtime.handling import record
+from rona_core.app.runtime.handling import read_inputs, record
 from rona_core.app.runtime.recording import capture_stroke
 from rona_core.app.steps.path import messages
 from rona_core.app.steps.path.derivation import draw_pattern, map_path

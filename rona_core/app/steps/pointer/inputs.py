@@ -1,9 +1,8 @@
 """Inputs of the calibration of the pointer, and what others take from it."""
 
 from rona_core.app.declarations.inputs import Input, Quantity, given, inputs
-from rona_core.app.dependencies.base_reference import TRACKER_FIELD
-from rona_core.app.dependencies.inputs import capture_input, result_input
-from rona_core.app.dependencies.staleness import made_of
+from rona_core.app.dependencies.references import TRACKER_FIELD
+from rona_core.app.dependencies.staleness import capture_input, made_of, result_input
 from rona_core.app.steps.pointer.touched_places import Evidence
 from rona_core.app.steps.setup.inputs import MODEL, ROBOT_ERRORS
 from rona_core.calibration.handheld.pointer import PointerCalibration

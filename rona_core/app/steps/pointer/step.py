@@ -3,7 +3,7 @@
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext, Remedy
 from rona_core.app.dependencies.judge import by_verdict
-from rona_core.app.messages.serialization import message_from
+from rona_core.app.messages.message import message_from
 from rona_core.app.runtime.handling import compute_result, record
 from rona_core.app.runtime.recording import capture_hand
 from rona_core.app.steps.pointer.derivation import calibrate

@@ -9,10 +9,9 @@ from rona_core.app.declarations.declarations import (
     Judgement,
     Remedy,
 )
-from rona_core.app.dependencies.inputs import required
 from rona_core.app.dependencies.judge import fresh
-from rona_core.app.messages.message import StoreResult
-from rona_core.app.messages.serialization import serialize_arguments
+from rona_core.app.dependencies.staleness import required
+from rona_core.app.messages.message import StoreResult, serialize_arguments
 from rona_core.app.runtime.handling import compute
 from rona_core.app.steps.roll.inputs import OWN_ROLLS, PLACEMENT
 from rona_core.app.steps.roll.messages import (

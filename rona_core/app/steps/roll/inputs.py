@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 from rona_core.app.declarations.declarations import Arguments
 from rona_core.app.declarations.inputs import Input, Quantity, given, inputs
-from rona_core.app.dependencies.inputs import result_input
-from rona_core.app.messages.serialization import message_from
+from rona_core.app.dependencies.staleness import result_input
+from rona_core.app.messages.message import message_from
 from rona_core.app.steps.path.inputs import SMOOTHING
 from rona_core.app.steps.roll.messages import StartRollSearch
 from rona_core.app.steps.setup.inputs import BASE, MODEL, OBSTACLES, SCAN_SPEED

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from rona_core.app.declarations.declarations import Arguments
-from rona_core.app.messages.serialization import message_from
+from rona_core.app.messages.message import message_from
 from rona_core.app.steps.roll.derivation import plan_settings
 from rona_core.app.steps.roll.inputs import PlacementInputs, roll_search
 from rona_core.app.steps.roll.messages import StartBasePlacement, StartRollSearch

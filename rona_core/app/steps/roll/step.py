@@ -1,9 +1,8 @@
 """Roll: motion planning over the free angle about the probe, and placement of the base."""
 
 from rona_core.app.declarations import declarations as declare
-from rona_core.app.dependencies.inputs import required
 from rona_core.app.dependencies.judge import require_inputs
-from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.dependencies.staleness import required, stale_reason
 from rona_core.app.messages.message import values_of
 from rona_core.app.runtime.handling import compute
 from rona_core.app.steps.roll import messages

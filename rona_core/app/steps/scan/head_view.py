@@ -5,7 +5,7 @@ from typing import Literal
 
 import numpy as np
 
-from rona_core.app.dependencies.head_reference import HeadWatch, watch_head
+from rona_core.app.dependencies.references import HeadWatch, watch_head
 from rona_core.app.steps.scan.inputs import POSES
 from rona_core.geometry.arrays import Vector3
 from rona_core.session.document import Session

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 
 from rona_core.app.declarations.inputs import Input, Quantity
-from rona_core.app.dependencies.head_reference import HeadReference, HeadWatch, head_input
-from rona_core.app.dependencies.inputs import capture_input
 from rona_core.app.dependencies.judge import usable
+from rona_core.app.dependencies.references import HeadReference, HeadWatch, head_input
+from rona_core.app.dependencies.staleness import capture_input
 from rona_core.app.steps.setup.inputs import MODEL, PROBE
 from rona_core.calibration.timing.robot_latency import PoseDelay
 from rona_core.devices.settings import ProbeSettings

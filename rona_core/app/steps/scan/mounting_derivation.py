@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from rona_core.app.declarations.inputs import Input, given, inputs
-from rona_core.app.dependencies.inputs import capture_input
+from rona_core.app.dependencies.staleness import capture_input
 from rona_core.app.steps.scan.messages import CalibrateProbeMounting
 from rona_core.app.steps.setup.inputs import BLOCK_PROBE
 from rona_core.devices.samples import AScanTrack

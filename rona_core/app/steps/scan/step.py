@@ -4,9 +4,8 @@ from dataclasses import replace
 
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext, Message, Remedy
-from rona_core.app.dependencies.inputs import capture_input, result_input
 from rona_core.app.dependencies.judge import by_verdict
-from rona_core.app.dependencies.staleness import session_obstacles
+from rona_core.app.dependencies.staleness import capture_input, result_input, session_obstacles
 from rona_core.app.runtime.handling import record
 from rona_core.app.runtime.recording import ARRIVAL_S, begin, finish
 from rona_core.app.steps.scan.captures import capture_scan

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from rona_core.app.dependencies.inputs import required
-from rona_core.app.messages.serialization import message_from
+from rona_core.app.dependencies.staleness import required
+from rona_core.app.messages.message import message_from
 from rona_core.app.steps.path.inputs import DEMONSTRATED, PATH, VIEWPOINT
 from rona_core.app.steps.smoothing.derivation import PathSource, path_source
 from rona_core.app.steps.smoothing.messages import SmoothScanPath

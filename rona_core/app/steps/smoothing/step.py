@@ -1,7 +1,7 @@
 """Smoothing: fewest points within a bound, surface normals, dense 5D path."""
 
 from rona_core.app.declarations import declarations as declare
-from rona_core.app.dependencies.inputs import result_input
+from rona_core.app.dependencies.staleness import result_input
 from rona_core.app.runtime.handling import compute_result
 from rona_core.app.steps.path.inputs import PATH
 from rona_core.app.steps.smoothing.derivation import smooth_path

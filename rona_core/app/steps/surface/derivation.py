@@ -1,7 +1,6 @@
 """Surface cloud from the strokes of the pointer."""
 
-from rona_core.app.dependencies.base_reference import Registered
-from rona_core.app.dependencies.head_reference import HeadReference
+from rona_core.app.dependencies.references import HeadReference, Registered
 from rona_core.app.steps.surface.inputs import SurfaceInputs
 from rona_core.app.steps.surface.messages import BuildSurface
 from rona_core.calibration.handheld.pointer import PointerCalibration

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rona_core.app.dependencies.base_reference import reference_of
-from rona_core.app.dependencies.inputs import required
+from rona_core.app.dependencies.references import reference_of
+from rona_core.app.dependencies.staleness import required
 from rona_core.app.steps.pointer.inputs import POINTER
 from rona_core.app.steps.surface.derivation import tip_of
 from rona_core.devices.live import LiveState

@@ -1,9 +1,14 @@
 """Inputs of the surface of step 4, and what others take from it."""
 
 from rona_core.app.declarations.inputs import Input, given, inputs
-from rona_core.app.dependencies.base_reference import REGISTERED, Registered, found_again
-from rona_core.app.dependencies.head_reference import HeadReference, head_input
-from rona_core.app.dependencies.inputs import capture_input, result_input
+from rona_core.app.dependencies.references import (
+    REGISTERED,
+    HeadReference,
+    Registered,
+    found_again,
+    head_input,
+)
+from rona_core.app.dependencies.staleness import capture_input, result_input
 from rona_core.app.steps.pointer.inputs import POINTER
 from rona_core.app.steps.setup.inputs import CHOOSE_REFERENCE, REGION, SKULL
 from rona_core.app.steps.tool.inputs import TOOL

@@ -5,8 +5,8 @@ from functools import partial
 
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext, Message, Remedy
-from rona_core.app.dependencies.base_reference import carried_remark
 from rona_core.app.dependencies.judge import by_verdict
+from rona_core.app.dependencies.references import carried_remark
 from rona_core.app.messages.message import StoreCapture
 from rona_core.app.runtime.handling import compute, compute_result
 from rona_core.app.runtime.recording import capture_stroke, part_of

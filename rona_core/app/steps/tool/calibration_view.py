@@ -6,7 +6,7 @@ from typing import Any, Literal
 import numpy as np
 
 from rona_core.app.declarations.figures import FIGURES, limit_of
-from rona_core.app.dependencies.inputs import required
+from rona_core.app.dependencies.staleness import required
 from rona_core.app.steps.tool.derivation import tool_poses
 from rona_core.app.steps.tool.inputs import TOOL_CAPTURE
 from rona_core.calibration.pivot.pose_coverage import NextPose, next_best_pose, swing_coverage

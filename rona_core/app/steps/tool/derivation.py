@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rona_core.app.dependencies.base_reference import base_reference
+from rona_core.app.dependencies.references import base_reference
 from rona_core.app.steps.tool.inputs import ToolInputs
 from rona_core.app.steps.tool.messages import RegisterTool
 from rona_core.calibration.hand_eye.quality import registration_sigma_mm

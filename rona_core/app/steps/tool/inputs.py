@@ -1,8 +1,8 @@
 """Inputs of the registration of tool, robot and tracker, and what others take from it."""
 
 from rona_core.app.declarations.inputs import Input, given, inputs
-from rona_core.app.dependencies.base_reference import TRACKER_FIELD
-from rona_core.app.dependencies.inputs import capture_input, result_input
+from rona_core.app.dependencies.references import TRACKER_FIELD
+from rona_core.app.dependencies.staleness import capture_input, result_input
 from rona_core.app.steps.setup.inputs import MODEL, ROBOT_ERRORS
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.calibration.tracking_error import TrackerErrorField

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext, Judgement, Remedy
-from rona_core.app.dependencies.base_reference import REMEDY, placed_reason
 from rona_core.app.dependencies.judge import by_verdict
+from rona_core.app.dependencies.references import REMEDY, placed_reason
 from rona_core.app.dependencies.staleness import session_obstacles
 from rona_core.app.runtime.handling import compute_result, record
 from rona_core.app.steps.setup import capture_parts as parts

@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 from rona_core.app.declarations.figures import HANDHELD
-from rona_core.app.dependencies.inputs import required
-from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.runtime.recompute import replay
-from rona_core.app.runtime.session_step import Undo
+from rona_core.app.dependencies.staleness import required, stale_reason
+from rona_core.app.runtime.session_step import Undo, replay
 from rona_core.app.steps.handheld.inputs import DELAY
 from rona_core.app.steps.handheld.messages import (
     CalibrateHandheldProbe,

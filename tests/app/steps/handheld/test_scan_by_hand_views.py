@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.app.dependencies.inputs import required
-from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.dependencies.staleness import required, stale_reason
 from rona_core.app.messages.message import StoreCapture
 from rona_core.app.runtime.handling import handle
-from rona_core.app.runtime.recompute import replay
+from rona_core.app.runtime.session_step import replay
 from rona_core.app.steps.boundaries.ascan_view import (
     ascan_plot,
     scan_marks,

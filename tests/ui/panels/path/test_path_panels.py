@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from rona_core.app.dependencies.step_states import step_states
+from rona_core.app.dependencies.judge import step_states
 from rona_core.app.runtime.handling import handle
 from rona_core.app.steps.path.messages import (
     BuildPath,

@@ -1,9 +1,9 @@
 """Inputs of the registration of the burr, and what others take from it."""
 
 from rona_core.app.declarations.inputs import Input, given, inputs
-from rona_core.app.dependencies.base_reference import TRACKER_FIELD
-from rona_core.app.dependencies.inputs import capture_input
 from rona_core.app.dependencies.judge import usable
+from rona_core.app.dependencies.references import TRACKER_FIELD
+from rona_core.app.dependencies.staleness import capture_input
 from rona_core.app.steps.implant.burr.registration import BurrRegistration
 from rona_core.app.steps.setup.inputs import MODEL, ROBOT_ERRORS
 from rona_core.app.steps.tool.inputs import TOOL

@@ -12,9 +12,8 @@ from rona_core.app.declarations.declarations import (
     Perform,
     Remedy,
 )
-from rona_core.app.dependencies.inputs import result_input
 from rona_core.app.dependencies.judge import judge_part
-from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.dependencies.staleness import result_input, stale_reason
 from rona_core.app.messages.message import StoreCapture
 from rona_core.app.runtime.handling import handle
 from rona_core.app.steps.scan.landmarks.capture import capture_landmarks

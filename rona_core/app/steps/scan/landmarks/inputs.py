@@ -1,8 +1,8 @@
 """Inputs of the verification on landmarks."""
 
 from rona_core.app.declarations.inputs import Input, given, inputs
-from rona_core.app.dependencies.base_reference import REGISTERED, Registered, found_again
-from rona_core.app.dependencies.inputs import capture_input, result_input
+from rona_core.app.dependencies.references import REGISTERED, Registered, found_again
+from rona_core.app.dependencies.staleness import capture_input, result_input
 from rona_core.app.steps.pointer.inputs import EVIDENCE, POINTER
 from rona_core.app.steps.pointer.touched_places import Evidence
 from rona_core.app.steps.scan.landmarks.capture import LandmarkCapture
