@@ -10,12 +10,12 @@ import numpy as np
 from benchmarks.metric import Metric
 from benchmarks.timed_procedure import NOMINAL_SETUP
 from rona_core.app.dependencies.staleness import required
-from rona_core.app.steps.acoustics.inputs import DETECTION, HELD_PROBE
+from rona_core.app.steps.acoustics.derivation import DETECTION, HELD_PROBE
 from rona_core.app.steps.path.inputs import SMOOTHING
 from rona_core.app.steps.roll.derivation import plan_settings
 from rona_core.app.steps.roll.inputs import DRIVEN
 from rona_core.app.steps.roll.messages import StartRollSearch
-from rona_core.app.steps.scan.inputs import POSES, SCAN
+from rona_core.app.steps.scan.derivation import POSES, SCAN
 from rona_core.compose import build_virtual_rig
 from rona_core.devices.samples import AScanTrack
 from rona_core.geometry.path5d import Path5D

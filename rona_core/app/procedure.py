@@ -16,9 +16,9 @@ from rona_core.app.steps.implant.messages import PlanMilling, RehearseMilling, S
 from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
 from rona_core.app.steps.path.messages import StartPathCapture
 from rona_core.app.steps.pointer.messages import StartPointerCapture
-from rona_core.app.steps.roll.base_placement import advice
+from rona_core.app.steps.roll.certificate_view import why_no_plan
 from rona_core.app.steps.roll.messages import StartBasePlacement, StartRollSearch
-from rona_core.app.steps.roll.plan_reasons import why_no_plan
+from rona_core.app.steps.roll.step import advice
 from rona_core.app.steps.scan.messages import StartProbeMountingCapture, StartScan
 from rona_core.app.steps.smoothing.messages import SmoothScanPath
 from rona_core.app.steps.surface.messages import StartSurfaceCapture

@@ -15,8 +15,8 @@ from scipy.spatial import KDTree
 from rona_core.app.dependencies.references import watch_head
 from rona_core.app.dependencies.staleness import made_of, required
 from rona_core.app.steps.acoustics.thickness_uncertainty import at_speed_of_maps, speed_of_maps
-from rona_core.app.steps.scan.head_view import head_report
-from rona_core.app.steps.scan.inputs import PLACES, POSES
+from rona_core.app.steps.scan.derivation import PLACES, POSES
+from rona_core.app.steps.scan.view import head_report
 from rona_core.devices.wrench import summarize
 from rona_core.evaluation.map_metrics import cells, outer_errors_mm, thickness_errors_mm
 from rona_core.evaluation.truth import Figures, Truth, rms

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from rona_core.app.messages.message import Point
-from rona_core.app.steps.path.handlers import place_on_surface
 from rona_core.app.steps.path.messages import MovePathPoint
+from rona_core.app.steps.path.step import place_on_surface
 from rona_core.geometry.arrays import Floats, Vector3
 from rona_core.session.document import Session
 from rona_ui.presentation.camera import CameraPose

@@ -15,8 +15,7 @@ from rona_core.app.steps.maps.accuracy import map_accuracy
 from rona_core.app.steps.maps.comparison import MapComparison
 from rona_core.app.steps.maps.growing_map import GrowingMap
 from rona_core.app.steps.maps.view import SecondView, second_view
-from rona_core.app.steps.roll.margins_view import Quantity
-from rona_core.app.steps.roll.view import joints_of_roll
+from rona_core.app.steps.roll.view import Quantity, joints_of_roll
 from rona_core.app.steps.scan.planned_motion import joints_at, motion_stale, motion_times
 from rona_core.app.steps.setup.clearance import PairClearance, clearance_violations, stands_clear
 from rona_core.app.steps.smoothing.path_view import PathView, path_view, preview_path

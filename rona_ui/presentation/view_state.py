@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from rona_core.app.steps.maps.view import MapQuantity
-from rona_core.app.steps.roll.margins_view import Quantity
+from rona_core.app.steps.roll.view import Quantity
 from rona_core.path.zones import PaintKind
 
 Point = tuple[float, float, float]

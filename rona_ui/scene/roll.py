@@ -3,10 +3,11 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from rona_core.app.steps.roll.base_placement import PlacementView, placement_view
-from rona_core.app.steps.roll.margins_view import PathMargins, path_margins
+from rona_core.app.steps.roll.step import PlacementView, placement_view
 from rona_core.app.steps.roll.view import (
+    PathMargins,
     joint_curves,
+    path_margins,
     place_of_roll,
     point_at,
     roll_poses,

@@ -5,7 +5,7 @@ import numpy as np
 from benchmarks.suites.honesty.design import bench_of
 from benchmarks.suites.honesty.judged import Judged
 from rona_core.app.procedure import run_procedure, stages
-from rona_core.app.steps.scan.inputs import DELAY
+from rona_core.app.steps.scan.derivation import DELAY
 from rona_core.errors import RonaError
 
 SEEDS = range(40_200, 40_260)

@@ -18,7 +18,7 @@ from rona_core.app.overview.acceptance import quality_rows
 from rona_core.app.procedure import run_procedure, stages
 from rona_core.app.runtime.handling import derive, derive_all
 from rona_core.app.steps.maps.messages import StartMapping
-from rona_core.app.steps.scan.head_view import head_figures
+from rona_core.app.steps.scan.view import head_figures
 from rona_core.app.steps.setup.messages import SetSeed, SetWorld
 from rona_core.app.steps.surface.messages import BuildSurface
 from rona_core.compose import build_virtual_rig, new_workbench

@@ -24,11 +24,11 @@ from benchmarks.timed_procedure import (
     timed_procedure,
 )
 from rona_core.app.dependencies.staleness import required
-from rona_core.app.steps.acoustics.inputs import ROBOT_PROBE
+from rona_core.app.steps.acoustics.derivation import ROBOT_PROBE
 from rona_core.app.steps.maps.derivation import Survey, detect_survey
 from rona_core.app.steps.maps.messages import StartMapping
+from rona_core.app.steps.scan.derivation import POSES, SCAN
 from rona_core.app.steps.scan.force_controlled_scan import ContactLoop
-from rona_core.app.steps.scan.inputs import POSES, SCAN
 from rona_core.compose import build_virtual_rig
 from rona_core.devices.protocols import never, silent
 from rona_core.session.document import Session

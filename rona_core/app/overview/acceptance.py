@@ -8,8 +8,8 @@ from rona_core.app.declarations.figures import FIGURES, PREDICTED, SECTIONS, Fig
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.staleness import CAPTURE, stale_reason
 from rona_core.app.steps.boundaries.probe_advice import probe_advice
-from rona_core.app.steps.scan.head_view import unwatched
-from rona_core.app.steps.scan.landmarks.gate import verification
+from rona_core.app.steps.scan.landmarks.step import verification
+from rona_core.app.steps.scan.view import unwatched
 from rona_core.session.document import Session
 from rona_core.session.specimen import LoadedSkull
 

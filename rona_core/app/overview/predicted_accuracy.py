@@ -3,7 +3,7 @@
 The covariances of registration and pointer, and the noise of a single frame, are chained as
 ``error_propagation.py`` does, at places that the pointer has touched. What repeats leaves little
 trace there: for the tracker's volume and for the robot stands what their makers state, as
-``touched_places.py`` says; frames beside their average stand for noise and what that rounds off.
+``derivation.py`` says; frames beside their average stand for noise and what that rounds off.
 """
 
 from dataclasses import dataclass, replace
@@ -13,10 +13,9 @@ import numpy as np
 from rona_core.app.dependencies.references import TrackerReference, weakest_reference
 from rona_core.app.dependencies.staleness import required
 from rona_core.app.steps.acoustics.thickness_uncertainty import thickness_shares
-from rona_core.app.steps.pointer.inputs import EVIDENCE
-from rona_core.app.steps.pointer.touched_places import Evidence, repeating_errors
-from rona_core.app.steps.scan.head_view import head_figures
-from rona_core.app.steps.surface.inputs import Strokes
+from rona_core.app.steps.pointer.derivation import EVIDENCE, Evidence, repeating_errors
+from rona_core.app.steps.scan.view import head_figures
+from rona_core.app.steps.surface.derivation import Strokes
 from rona_core.calibration.error_propagation import MapSetup, predict_map_error
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.calibration.handheld.pointer import PointerCalibration

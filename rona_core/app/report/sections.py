@@ -26,12 +26,15 @@ from rona_core.app.steps.implant.rehearsal import (
 )
 from rona_core.app.steps.implant.view import milling_view, percent, verdict
 from rona_core.app.steps.maps.further_passes import usable_second
-from rona_core.app.steps.roll.certificate_view import CertificateView, certificate_view
-from rona_core.app.steps.roll.plan_reasons import plan_reason, roll_summary
-from rona_core.app.steps.scan.contact_view import contact_report, delay_sentence
-from rona_core.app.steps.scan.head_view import head_report
-from rona_core.app.steps.scan.landmarks.gate import verification
-from rona_core.app.steps.scan.probe_mounting import mounting_words
+from rona_core.app.steps.roll.certificate_view import (
+    CertificateView,
+    certificate_view,
+    plan_reason,
+    roll_summary,
+)
+from rona_core.app.steps.scan.landmarks.step import verification
+from rona_core.app.steps.scan.step import mounting_words
+from rona_core.app.steps.scan.view import contact_report, delay_sentence, head_report
 from rona_core.app.steps.tool.calibration_view import Step, calibration_view
 from rona_core.app.steps.tool.derivation import delay_words
 from rona_core.session.document import Session

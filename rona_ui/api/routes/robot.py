@@ -11,8 +11,7 @@ from fastapi import APIRouter, Body, Query, Response
 from starlette.concurrency import run_in_threadpool
 
 from rona_core.app.runtime.workbench import Workbench
-from rona_core.app.steps.scan.contact_view import contact_report
-from rona_core.app.steps.scan.head_view import head_report
+from rona_core.app.steps.scan.view import contact_report, head_report
 from rona_core.app.steps.setup.messages import SetContact, SetRobot
 from rona_core.app.steps.setup.robot_parameters import RobotFigure, robot_figures
 from rona_core.app.steps.tool.messages import StartRobotMove

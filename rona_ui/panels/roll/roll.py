@@ -3,18 +3,18 @@
 from functools import partial
 from typing import Any, Literal
 
-from rona_core.app.steps.roll.base_placement import (
-    BasePlace,
-    BasePlacement,
-    fresh_placement,
-    moves,
-)
 from rona_core.app.steps.roll.certificate_view import certificate_view
 from rona_core.app.steps.roll.inputs import last_roll_search
 from rona_core.app.steps.roll.messages import (
     ApplyBasePlacement,
     StartBasePlacement,
     StartRollSearch,
+)
+from rona_core.app.steps.roll.step import (
+    BasePlace,
+    BasePlacement,
+    fresh_placement,
+    moves,
 )
 from rona_core.app.steps.roll.view import joint_curves, none_works
 from rona_core.devices.limits import limits_of

@@ -4,11 +4,13 @@ from typing import Any
 
 import numpy as np
 
-from rona_core.app.steps.roll.margins_view import PathMargins, Quantity, path_margins
 from rona_core.app.steps.roll.messages import ChooseRoll
 from rona_core.app.steps.roll.view import (
+    PathMargins,
+    Quantity,
     RankedWay,
     joint_curves,
+    path_margins,
     place_of_roll,
     point_at,
     ranked_ways,

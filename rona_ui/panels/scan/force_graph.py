@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from rona_core.app.steps.scan.contact_view import (
+from rona_core.app.steps.scan.view import (
     ForceCurve,
     contact_report,
     force_curve,

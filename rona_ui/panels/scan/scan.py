@@ -5,14 +5,13 @@ from typing import Any
 
 from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.steps.maps.growing_map import GrowingMap
-from rona_core.app.steps.scan.contact_view import contact_report, delay_sentence
-from rona_core.app.steps.scan.head_view import head_report, unwatched
 from rona_core.app.steps.scan.messages import (
     CalibrateProbeMounting,
     StartProbeMountingCapture,
     StartScan,
 )
-from rona_core.app.steps.scan.probe_mounting import mounting_words
+from rona_core.app.steps.scan.step import mounting_words
+from rona_core.app.steps.scan.view import contact_report, delay_sentence, head_report, unwatched
 from rona_core.app.steps.setup.messages import SetContact
 from rona_core.session.document import Session
 from rona_ui.panels.scan.landmarks import LandmarkControls

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from rona_core.app.steps.path.handlers import is_kept, nearest_piece, nearest_point, sight
 from rona_core.app.steps.path.messages import (
     DeletePathPoint,
     InsertPathPoint,
@@ -17,6 +16,7 @@ from rona_core.app.steps.path.messages import (
     PaintRegion,
     PinPathSample,
 )
+from rona_core.app.steps.path.step import is_kept, nearest_piece, nearest_point, sight
 from rona_core.errors import InvalidInputError, RonaError
 from rona_core.geometry.arrays import Floats, Vector3
 from rona_core.session.document import Session

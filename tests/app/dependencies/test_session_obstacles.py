@@ -8,13 +8,12 @@ import pytest
 
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.staleness import obstacles_of, session_obstacles
-from rona_core.app.steps.roll import plan_reasons
-from rona_core.app.steps.roll.certificate_view import certificate_view
-from rona_core.app.steps.roll.plan_reasons import plan_reason
+from rona_core.app.steps.roll import certificate_view as plan_reasons
+from rona_core.app.steps.roll.certificate_view import certificate_view, plan_reason
 from rona_core.app.steps.scan import captures
 from rona_core.app.steps.scan.captures import capture_scan
 from rona_core.app.steps.tool.messages import StartRobotMove, StartToolCapture
-from rona_core.app.steps.tool.recorded_motion import record_tool_motion
+from rona_core.app.steps.tool.robot_motion import record_tool_motion
 from rona_core.compose import new_workbench
 from rona_core.devices.settings import DeviceSettings, RobotSettings
 from rona_core.devices.workcell import Surroundings

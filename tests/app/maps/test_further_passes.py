@@ -28,9 +28,9 @@ from rona_core.app.steps.maps.further_passes import (
 )
 from rona_core.app.steps.maps.messages import StartGapPlan, StartMapping
 from rona_core.app.steps.maps.view import second_cells, second_view
-from rona_core.app.steps.scan.head_view import head_report
-from rona_core.app.steps.scan.inputs import PLACES
+from rona_core.app.steps.scan.derivation import PLACES
 from rona_core.app.steps.scan.planned_motion import joints_at, motion_times, replayed
+from rona_core.app.steps.scan.view import head_report
 from rona_core.devices.protocols import never, silent
 from rona_core.devices.samples import AScanTrack
 from rona_core.errors import InvalidInputError, StepBlockedError

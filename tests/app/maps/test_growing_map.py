@@ -7,7 +7,7 @@ import pytest
 from scipy.interpolate import RectBivariateSpline
 
 from rona_core.app.dependencies.staleness import required
-from rona_core.app.steps.acoustics.inputs import ROBOT_PROBE
+from rona_core.app.steps.acoustics.derivation import ROBOT_PROBE
 from rona_core.app.steps.maps.growing_map import MapGrower
 from rona_core.devices.live import RecordedSoFar
 from rona_core.devices.samples import AScan, JointSample

@@ -10,7 +10,7 @@ import pytest
 
 from rona_core.app.declarations.inputs import input_parts
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.steps.acoustics.inputs import LineInputs
+from rona_core.app.steps.acoustics.derivation import LineInputs
 from rona_core.app.steps.implant.view import milling_view
 from rona_core.session.document import Session
 from tests.tools import structure

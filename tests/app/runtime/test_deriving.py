@@ -16,7 +16,7 @@ from rona_core.app.dependencies.staleness import (
 )
 from rona_core.app.messages.message import message, serialize_arguments
 from rona_core.app.runtime.handling import derive_all, read_inputs
-from rona_core.app.steps.setup.inputs import SCAN_SPEED
+from rona_core.app.steps.setup.capture_parts import SCAN_SPEED
 from rona_core.devices.limits import number
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.errors import InvalidInputError, StepBlockedError

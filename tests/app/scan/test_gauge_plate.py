@@ -6,17 +6,17 @@ import pytest
 from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.dependencies.staleness import required, stale_reason
 from rona_core.app.procedure import run_procedure, stages
-from rona_core.app.steps.acoustics.inputs import HELD_PROBE, ROBOT_PROBE
+from rona_core.app.steps.acoustics.derivation import HELD_PROBE, ROBOT_PROBE
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.path.messages import StartPathCapture
 from rona_core.app.steps.pointer.messages import StartPointerCapture
 from rona_core.app.steps.roll.messages import StartRollSearch
-from rona_core.app.steps.scan.inputs import KNOWN_MOUNTING, POSES
+from rona_core.app.steps.scan.derivation import KNOWN_MOUNTING, POSES
 from rona_core.app.steps.scan.messages import (
     CalibrateProbeMounting,
     StartProbeMountingCapture,
 )
-from rona_core.app.steps.scan.probe_mounting import mounting_words
+from rona_core.app.steps.scan.step import mounting_words
 from rona_core.app.steps.setup.messages import SetProbe, SetRegion, SetWorld
 from rona_core.app.steps.surface.messages import StartSurfaceCapture
 from rona_core.app.steps.tool.messages import StartToolCapture

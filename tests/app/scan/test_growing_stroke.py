@@ -9,7 +9,7 @@ import pytest
 from rona_core.app.declarations.declarations import ActivityContext
 from rona_core.app.dependencies.references import REGISTERED
 from rona_core.app.dependencies.staleness import required
-from rona_core.app.steps.pointer.inputs import POINTER
+from rona_core.app.steps.pointer.derivation import POINTER
 from rona_core.app.steps.surface.derivation import tip_track
 from rona_core.app.steps.surface.growing_stroke import StrokeGrower
 from rona_core.app.steps.surface.messages import StartSurfaceCapture

@@ -8,12 +8,12 @@ import pytest
 from rona_core.app.dependencies.judge import blocked, step_states
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.maps.messages import StartGapScan
-from rona_core.app.steps.scan.landmarks.gate import verification
 from rona_core.app.steps.scan.landmarks.messages import (
     OverrideLandmarks,
     StartLandmarkCapture,
     VerifyLandmarks,
 )
+from rona_core.app.steps.scan.landmarks.step import verification
 from rona_core.app.steps.scan.landmarks.view import landmark_report
 from rona_core.app.steps.scan.messages import StartScan
 from rona_core.app.steps.setup.messages import SetPointer, SetToolVisible

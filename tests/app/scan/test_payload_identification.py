@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rona_core.app.declarations.declarations import ActivityContext
-from rona_core.app.steps.scan.payload_identification import TURNS_DEG, identify_payload
+from rona_core.app.steps.scan.captures import TURNS_DEG, identify_payload
 from rona_core.app.steps.tool.robot_motion import FreeMoves
 from rona_core.devices.live import Live
 from rona_core.devices.wrench import ToolLoad

@@ -12,7 +12,7 @@ from rona_core.app.dependencies.references import watch_head
 from rona_core.app.dependencies.staleness import session_obstacles
 from rona_core.app.steps.scan import captures as scan_capture
 from rona_core.app.steps.scan.captures import capture_scan
-from rona_core.app.steps.scan.inputs import DELAY, KNOWN_MOUNTING, POSES
+from rona_core.app.steps.scan.derivation import DELAY, KNOWN_MOUNTING, POSES
 from rona_core.app.steps.tool.robot_motion import drive_to
 from rona_core.devices.live import Live
 from rona_core.devices.settings import ContactSettings

@@ -13,9 +13,9 @@ from rona_core.app.procedure import run_procedure, stages
 from rona_core.app.steps.path.messages import StartPathCapture
 from rona_core.app.steps.pointer.messages import StartPointerCapture
 from rona_core.app.steps.roll.messages import StartRollSearch
-from rona_core.app.steps.scan.head_view import HeadShift, head_report, head_sentence, unwatched
-from rona_core.app.steps.scan.inputs import POSES
+from rona_core.app.steps.scan.derivation import POSES
 from rona_core.app.steps.scan.messages import StartScan
+from rona_core.app.steps.scan.view import HeadShift, head_report, head_sentence, unwatched
 from rona_core.app.steps.setup.messages import (
     MoveTracker,
     SetContact,

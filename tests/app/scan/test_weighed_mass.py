@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from rona_core.app.report.sections import motion_section
-from rona_core.app.steps.scan.contact_view import contact_report
+from rona_core.app.steps.scan.view import contact_report
 from rona_ui.api.json_response import plain
 from rona_ui.panels.scan.scan import contact_note
 

@@ -8,7 +8,7 @@ import pytest
 from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.dependencies.staleness import required, stale_reason
 from rona_core.app.runtime.session_step import Undo, recompute
-from rona_core.app.steps.acoustics.inputs import HELD_PROBE, KNOWN_SPEED
+from rona_core.app.steps.acoustics.derivation import HELD_PROBE, KNOWN_SPEED
 from rona_core.app.steps.acoustics.messages import (
     AddReferencePoint,
     CalibrateDelayLine,

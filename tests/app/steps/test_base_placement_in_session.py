@@ -8,9 +8,9 @@ import pytest
 from rona_core.app.dependencies.staleness import session_obstacles, stale_reason, workcell_pose
 from rona_core.app.procedure import run_procedure, stages
 from rona_core.app.runtime.session_step import Undo, replay
-from rona_core.app.steps.roll.base_placement import advice, moves, placement_view
+from rona_core.app.steps.roll.derivation import obstacles_from
 from rona_core.app.steps.roll.messages import ApplyBasePlacement, StartBasePlacement
-from rona_core.app.steps.roll.place_search import obstacles_from
+from rona_core.app.steps.roll.step import advice, moves, placement_view
 from rona_core.app.steps.setup.messages import SetContact, SetRobot
 from rona_core.compose import evaluate_virtual, new_workbench
 from rona_core.devices.settings import ContactSettings

@@ -11,8 +11,7 @@ from rona_core.app.messages.message import StoreCapture
 from rona_core.app.runtime.handling import derive_all, handle
 from rona_core.app.runtime.session_step import Undo
 from rona_core.app.runtime.store import Store
-from rona_core.app.steps.acoustics.derivation import with_known_speed
-from rona_core.app.steps.acoustics.inputs import KNOWN_SPEED
+from rona_core.app.steps.acoustics.derivation import KNOWN_SPEED, with_known_speed
 from rona_core.app.steps.acoustics.view import loss_words
 from rona_core.app.steps.boundaries.ascan_view import (
     ascan_plot,

@@ -9,6 +9,7 @@ from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.runtime.handling import handle
 from rona_core.app.runtime.session_step import Undo
 from rona_core.app.runtime.store import Store
+from rona_core.app.steps.path.inputs import require_allowed_picks
 from rona_core.app.steps.path.messages import (
     BuildPath,
     ClearPaintedRegions,
@@ -16,7 +17,6 @@ from rona_core.app.steps.path.messages import (
     PaintRegion,
     StartPathCapture,
 )
-from rona_core.app.steps.path.painting import require_allowed_picks
 from rona_core.app.steps.pointer.messages import CalibratePointer
 from rona_core.app.steps.setup.messages import SetPointer, SetRobot, SetSeed
 from rona_core.app.steps.smoothing.messages import SmoothScanPath

@@ -11,7 +11,6 @@ from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.runtime.handling import handle
 from rona_core.app.runtime.session_step import Undo, replay
 from rona_core.app.runtime.store import Store
-from rona_core.app.steps.path.handlers import is_kept, nearest_piece, nearest_point, sight
 from rona_core.app.steps.path.messages import (
     BuildPath,
     ClearPathEdits,
@@ -22,6 +21,7 @@ from rona_core.app.steps.path.messages import (
     PinPathSample,
 )
 from rona_core.app.steps.path.path_checks import check_path, half_turns_deg
+from rona_core.app.steps.path.step import is_kept, nearest_piece, nearest_point, sight
 from rona_core.app.steps.pointer.messages import CalibratePointer
 from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.app.steps.smoothing.messages import SmoothScanPath

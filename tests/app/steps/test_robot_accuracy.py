@@ -14,8 +14,8 @@ from rona_core.app.declarations.figures import FIGURES
 from rona_core.app.overview.acceptance import quality_rows
 from rona_core.app.report.report import session_report
 from rona_core.app.steps.pointer.messages import StartPointerCapture
-from rona_core.app.steps.scan.landmarks.gate import verification
 from rona_core.app.steps.scan.landmarks.messages import StartLandmarkCapture
+from rona_core.app.steps.scan.landmarks.step import verification
 from rona_core.app.steps.scan.landmarks.view import landmark_report
 from rona_core.app.steps.setup.messages import SetRobot, SetSeed, SetTracker, SetWorld
 from rona_core.app.steps.tool.calibration_view import calibration_view

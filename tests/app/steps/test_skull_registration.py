@@ -11,12 +11,12 @@ from rona_core.app.overview.predicted_accuracy import predict_skull_mm
 from rona_core.app.runtime.session_step import Undo, replay
 from rona_core.app.steps.pointer.messages import StartPointerCapture
 from rona_core.app.steps.setup.messages import SetSeed, StoreSkull
+from rona_core.app.steps.surface.derivation import outer_surface
 from rona_core.app.steps.surface.messages import (
     BuildSurface,
     StartSkullRegistration,
     StartSurfaceCapture,
 )
-from rona_core.app.steps.surface.skull_registration import outer_surface
 from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.compose import new_workbench, read_skull
 from rona_core.errors import CancelledError, InvalidInputError, StepBlockedError

@@ -11,7 +11,7 @@ import rona_core.app
 from rona_core.app.dependencies.references import REGISTERED
 from rona_core.app.dependencies.staleness import input_digests, required, stale_reason
 from rona_core.app.runtime.session_step import Undo
-from rona_core.app.steps.acoustics.inputs import HELD_PROBE, KNOWN_SPEED, ROBOT_PROBE
+from rona_core.app.steps.acoustics.derivation import HELD_PROBE, KNOWN_SPEED, ROBOT_PROBE
 from rona_core.app.steps.acoustics.messages import (
     CalibrateDelayLine,
     StartCaliperMeasurements,
@@ -27,7 +27,7 @@ from rona_core.app.steps.handheld.places import hand_reference
 from rona_core.app.steps.maps import derivation
 from rona_core.app.steps.maps.further_passes import joined_poses
 from rona_core.app.steps.maps.messages import StartMapping
-from rona_core.app.steps.scan.inputs import PLACES, POSES
+from rona_core.app.steps.scan.derivation import PLACES, POSES
 from rona_core.app.steps.setup.messages import SetProbe, SetSeed, SetWorld
 from rona_core.compose import new_workbench
 from rona_core.session.document import Session

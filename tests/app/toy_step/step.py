@@ -11,7 +11,7 @@ from rona_core.app.dependencies.staleness import capture_input, capture_setup_di
 from rona_core.app.runtime.handling import compute_result, record
 from rona_core.app.runtime.recording import begin
 from rona_core.app.steps.setup import capture_parts as parts
-from rona_core.app.steps.setup.inputs import SCAN_SPEED
+from rona_core.app.steps.setup.capture_parts import SCAN_SPEED
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.session.document import Session
 from tests.app.toy_step.messages import FitToyLine, StartToyCapture

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rona_core.app.steps.scan.contact_view import live_force
+from rona_core.app.steps.scan.view import live_force
 from rona_core.devices.wrench import (
     APPROACH,
     CONTACT,

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.app.steps.roll.base_placement import placement_view
 from rona_core.app.steps.roll.messages import ApplyBasePlacement, StartBasePlacement
+from rona_core.app.steps.roll.step import placement_view
 from rona_core.devices.settings import DeviceSettings, RobotSettings
 from rona_core.geometry.pose import Pose
 from rona_core.robot.base_placement.reachability import BasePlace, BasePlacement
@@ -63,7 +63,7 @@ def fresh(monkeypatch):
         return None if made is None else made.value
 
     monkeypatch.setattr("rona_ui.panels.roll.roll.fresh_placement", held)
-    monkeypatch.setattr("rona_core.app.steps.roll.base_placement.fresh_placement", held)
+    monkeypatch.setattr("rona_core.app.steps.roll.step.fresh_placement", held)
 
 
 def drawn(session):

@@ -4,7 +4,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 from rona_core.app.runtime.handling import handle
-from rona_core.app.steps.scan.contact_view import ContactReport, DelayShare
+from rona_core.app.steps.scan.view import ContactReport, DelayShare
 from rona_core.app.steps.setup.messages import SetContact
 from rona_core.session.document import Session
 from rona_ui.panels.scan.scan import ScanPanel, contact_form, contact_note

@@ -9,7 +9,7 @@ from rona_core.app.dependencies.judge import step_states
 from rona_core.app.runtime.jobs import JobStatus
 from rona_core.app.steps.pointer.messages import StartPointerCapture
 from rona_core.app.steps.roll.view import JointCurves
-from rona_core.app.steps.scan.payload_identification import STOPPED
+from rona_core.app.steps.scan.captures import STOPPED_WEIGHING as STOPPED
 from rona_core.app.steps.setup.messages import (
     MoveTracker,
     SetBoneModel,

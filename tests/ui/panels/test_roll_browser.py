@@ -13,12 +13,12 @@ from rona_core.app.dependencies.staleness import input_digests, session_obstacle
 from rona_core.app.overview.acceptance import quality_rows
 from rona_core.app.steps.boundaries.ascan_view import scan_number_at, scan_poses
 from rona_core.app.steps.roll.certificate_view import certificate_view
-from rona_core.app.steps.roll.margins_view import path_margins
 from rona_core.app.steps.roll.messages import ChooseRoll
 from rona_core.app.steps.roll.view import (
     RollStrip,
     joint_curves,
     none_works,
+    path_margins,
     place_of_roll,
     ranked_ways,
     roll_strip,

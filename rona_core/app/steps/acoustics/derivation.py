@@ -1,14 +1,22 @@
 """Compute speed of sound and delay line from their captures, and use them where they are known."""
 
-from rona_core.app.steps.acoustics.inputs import LineInputs, SpeedInputs
+from rona_core.app.declarations.inputs import Input, Quantity, given, inputs
+from rona_core.app.dependencies.judge import usable
+from rona_core.app.dependencies.staleness import capture_input, result_input
 from rona_core.app.steps.acoustics.messages import CalibrateDelayLine, CalibrateSoundSpeed
+from rona_core.app.steps.scan.derivation import KNOWN_MOUNTING, POSES
+from rona_core.app.steps.setup.capture_parts import BLOCK_PROBE, HAND_PROBE, PROBE
+from rona_core.devices.settings import ProbeSettings
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.pose import Poses
 from rona_core.mapping.build_maps import boundary_points
+from rona_core.session.captures import BlockCapture, ReferenceCapture
 from rona_core.ultrasound.acoustic_calibration.delay_line import (
     DelayLine,
     calibrate_delay_line,
+    calibrated_probe,
 )
+from rona_core.ultrasound.acoustic_calibration.probe_mounting import ProbeMounting
 from rona_core.ultrasound.acoustic_calibration.reference_points import (
     at_speed,
     lags_at,
@@ -20,7 +28,61 @@ from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
     speed_at,
 )
 from rona_core.ultrasound.detection.detect import NOMINAL_SPEED_MM_PER_US, Detection
-from rona_core.ultrasound.probe.probe_model import probe_model
+from rona_core.ultrasound.probe.probe_model import ProbeModel, probe_model
+
+BLOCK: Input[BlockCapture] = capture_input("block")
+REFERENCES: Input[ReferenceCapture] = capture_input("references")
+DETECTION: Input[Detection] = result_input("detection")
+KNOWN_LINE: Input[DelayLine] = Input(
+    lambda s: usable("line", s), "calibrate the delay line (step 1)", optional=True
+)
+KNOWN_SPEED: Input[SpeedCalibration] = Input(
+    lambda s: usable("speed", s), "calibrate the speed (step 9)", optional=True
+)
+
+
+def probe_with_line(settings: ProbeSettings, line: DelayLine | None) -> ProbeModel:
+    """Return the probe with its calibrated delay line, where there is one."""
+    probe = probe_model(settings)
+    return probe if line is None else calibrated_probe(probe, line, settings.line_temperature_c)
+
+
+def probe_at_robot(
+    settings: ProbeSettings, line: DelayLine | None, mounting: ProbeMounting | None
+) -> ProbeModel:
+    """Return the probe at the robot: the delay by the gauge plate counts before that by the block.
+
+    It was measured with the line as warm as it is in the scan.
+    """
+    if mounting is None:
+        return probe_with_line(settings, line)
+    return probe_model(settings).with_line_delay(mounting.line_delay_us)
+
+
+HELD_PROBE: Quantity[ProbeModel] = Quantity(
+    probe_with_line, {"probe": HAND_PROBE, "line": KNOWN_LINE}
+)
+ROBOT_PROBE: Quantity[ProbeModel] = Quantity(
+    probe_at_robot, {"probe": PROBE, "line": KNOWN_LINE, "mounting": KNOWN_MOUNTING}
+)
+
+
+@inputs()
+class LineInputs:
+    """What the delay line is calibrated from."""
+
+    block: BlockCapture = given(BLOCK, "block")
+    probe: ProbeSettings = given(BLOCK_PROBE, "probe")
+
+
+@inputs(implied=("probe", "line", "mounting", "head"))
+class SpeedInputs:
+    """What the speed of sound is calibrated from."""
+
+    references: ReferenceCapture = given(REFERENCES, "references")
+    detection: Detection = given(DETECTION, "detection")
+    poses: Poses = given(POSES)
+    probe: ProbeModel = given(ROBOT_PROBE)
 
 
 def compare_with_caliper(known: SpeedInputs, message: CalibrateSoundSpeed) -> SpeedCalibration:

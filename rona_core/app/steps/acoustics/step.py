@@ -12,14 +12,17 @@ from rona_core.app.runtime.handling import compute_result, computed, record
 from rona_core.app.runtime.recording import begin
 from rona_core.app.steps.acoustics import messages
 from rona_core.app.steps.acoustics.derivation import (
+    BLOCK,
+    DETECTION,
+    KNOWN_SPEED,
+    REFERENCES,
     compare_with_caliper,
     find_line_delay,
     require_point,
 )
-from rona_core.app.steps.acoustics.inputs import BLOCK, DETECTION, KNOWN_SPEED, REFERENCES
-from rona_core.app.steps.scan.inputs import POSES, SCAN
+from rona_core.app.steps.scan.derivation import POSES, SCAN
 from rona_core.app.steps.setup import capture_parts as parts
-from rona_core.app.steps.setup.inputs import BLOCK_PROBE
+from rona_core.app.steps.setup.capture_parts import BLOCK_PROBE
 from rona_core.errors import CancelledError, InvalidInputError, StepBlockedError
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.mapping.build_maps import boundary_points

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rona_core.app.dependencies.staleness import made_of, stale_reason
-from rona_core.app.steps.scan.inputs import POSES
+from rona_core.app.steps.scan.derivation import POSES
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.arrays import Floats, Ints
 from rona_core.geometry.pose import Poses

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.staleness import made_of, required
-from rona_core.app.steps.acoustics.inputs import HELD_PROBE, ROBOT_PROBE
+from rona_core.app.steps.acoustics.derivation import HELD_PROBE, ROBOT_PROBE
 from rona_core.app.steps.boundaries.messages import ClearBoundaryCorrections, CorrectBoundary
 from rona_core.app.steps.handheld.inputs import POSED
 from rona_core.app.steps.maps.further_passes import Passes, joined_scans

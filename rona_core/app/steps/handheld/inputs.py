@@ -3,9 +3,9 @@
 from rona_core.app.declarations.inputs import Input, Quantity, given, inputs
 from rona_core.app.dependencies.references import ANY_REGISTERED, Registered, found_again
 from rona_core.app.dependencies.staleness import capture_input, result_input
-from rona_core.app.steps.acoustics.inputs import HELD_PROBE, KNOWN_SPEED
+from rona_core.app.steps.acoustics.derivation import HELD_PROBE, KNOWN_SPEED
 from rona_core.app.steps.handheld.places import delay_of, hand_poses, posed_scans
-from rona_core.app.steps.setup.inputs import CHOOSE_REFERENCE, HAND_PROBE, TRACKER_PROFILE
+from rona_core.app.steps.setup.capture_parts import CHOOSE_REFERENCE, HAND_PROBE, TRACKER_PROFILE
 from rona_core.calibration.handheld.tracked_probe import SonoCalibration
 from rona_core.devices.samples import InterpolatedPoses
 from rona_core.devices.settings import ProbeSettings

@@ -8,7 +8,7 @@ from rona_core.app.steps.implant.inputs import LinesInputs
 from rona_core.app.steps.implant.messages import StartBedLines
 from rona_core.app.steps.maps.accuracy import draws_of
 from rona_core.app.steps.maps.messages import Row
-from rona_core.app.steps.path.painting import allowed_in_patch
+from rona_core.app.steps.path.inputs import allowed_in_patch
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.errors import CancelledError, StepBlockedError
 from rona_core.geometry.arrays import Floats

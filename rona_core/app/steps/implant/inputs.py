@@ -2,16 +2,16 @@
 
 from rona_core.app.declarations.inputs import Input, Quantity, given, inputs
 from rona_core.app.dependencies.staleness import result_input
-from rona_core.app.steps.acoustics.inputs import DETECTION
+from rona_core.app.steps.acoustics.derivation import DETECTION
 from rona_core.app.steps.implant.burr.inputs import KNOWN_BURR
 from rona_core.app.steps.implant.burr.registration import BurrRegistration
 from rona_core.app.steps.implant.implant_bed import ImplantBed
 from rona_core.app.steps.implant.milling_plan import MillingPlan
 from rona_core.app.steps.maps.accuracy import OF_MAPS, TERMS
 from rona_core.app.steps.maps.inputs import MAPS
-from rona_core.app.steps.path.painting import PAINTED
-from rona_core.app.steps.setup.inputs import MODEL, OBSTACLES
-from rona_core.app.steps.tool.inputs import TOOL
+from rona_core.app.steps.path.inputs import PAINTED
+from rona_core.app.steps.setup.capture_parts import MODEL, OBSTACLES
+from rona_core.app.steps.tool.derivation import TOOL
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.mapping.accuracy.map_terms import MapTerms
 from rona_core.mapping.boundary_map import Maps

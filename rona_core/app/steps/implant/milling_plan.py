@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from rona_core.app.steps.roll.plan_reasons import none_works, refused_plan
+from rona_core.app.steps.roll.certificate_view import none_works, refused_plan
 from rona_core.geometry.arrays import Floats
 from rona_core.robot.redundancy.result import RollVerdict
 from rona_core.robot.trajectory.trajectory import Trajectory

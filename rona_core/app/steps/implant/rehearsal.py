@@ -16,7 +16,7 @@ from rona_core.app.steps.implant.rehearsal_task import (
     milling_task,
 )
 from rona_core.app.steps.implant.view import percent
-from rona_core.app.steps.roll.plan_reasons import why_no_plan
+from rona_core.app.steps.roll.certificate_view import why_no_plan
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.geometry.arrays import Floats, Ints, readonly
 from rona_core.planning.rehearsal.rehearse import rehearse

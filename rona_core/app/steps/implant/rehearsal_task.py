@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from rona_core.app.dependencies.staleness import required
-from rona_core.app.steps.acoustics.inputs import DETECTION, KNOWN_SPEED, ROBOT_PROBE
+from rona_core.app.steps.acoustics.derivation import DETECTION, KNOWN_SPEED, ROBOT_PROBE
 from rona_core.app.steps.implant.bed_milling import burr_way_of, raised_view
 from rona_core.app.steps.implant.derivation import mapped_bone
 from rona_core.app.steps.implant.inputs import BED, EXECUTION
@@ -18,7 +18,7 @@ from rona_core.app.steps.maps.inputs import MAPS
 from rona_core.app.steps.roll.derivation import plan_settings
 from rona_core.app.steps.roll.inputs import DRIVEN
 from rona_core.app.steps.roll.messages import StartRollSearch
-from rona_core.app.steps.setup.inputs import OBSTACLES, PROBE
+from rona_core.app.steps.setup.capture_parts import OBSTACLES, PROBE
 from rona_core.devices.protocols import Cancel, never
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.path5d import Path5D

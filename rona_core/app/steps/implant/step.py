@@ -11,7 +11,7 @@ from rona_core.app.declarations.declarations import (
 from rona_core.app.declarations.inputs import Input
 from rona_core.app.dependencies.judge import fresh, judge_part
 from rona_core.app.runtime.handling import compute, compute_result, computed, strip_for_worker
-from rona_core.app.steps.acoustics.inputs import DETECTION
+from rona_core.app.steps.acoustics.derivation import DETECTION
 from rona_core.app.steps.acoustics.messages import StartCaliperMeasurements
 from rona_core.app.steps.implant.bed_lines import find_bed_lines
 from rona_core.app.steps.implant.burr.inputs import KNOWN_BURR
@@ -38,7 +38,7 @@ from rona_core.app.steps.implant.view import percent
 from rona_core.app.steps.maps.inputs import MAPS
 from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan
 from rona_core.app.steps.scan.messages import StartProbeMountingCapture
-from rona_core.app.steps.tool.inputs import TOOL
+from rona_core.app.steps.tool.derivation import TOOL
 from rona_core.errors import StepBlockedError
 from rona_core.session.document import Session
 

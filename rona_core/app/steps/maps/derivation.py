@@ -6,7 +6,7 @@ from rona_core.app.steps.acoustics.derivation import first_speed, with_known_spe
 from rona_core.app.steps.maps.further_passes import Passes, joined_poses, joined_scans
 from rona_core.app.steps.maps.inputs import FirstPass, FirstSurvey, FurtherSurvey, MapsInputs
 from rona_core.app.steps.maps.messages import StartMapping
-from rona_core.app.steps.scan.inputs import ProbePlaces
+from rona_core.app.steps.scan.derivation import ProbePlaces
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.devices.samples import AScanTrack
 from rona_core.devices.settings import Excitation

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.steps.scan.inputs import ProbePlaces
+from rona_core.app.steps.scan.derivation import ProbePlaces
 from rona_core.devices.samples import AScanTrack
 from rona_core.geometry.pose import Poses
 from rona_core.session.captures import ScanCapture

@@ -12,7 +12,7 @@ from rona_core.app.steps.maps.derivation import (
 )
 from rona_core.app.steps.maps.inputs import GapInputs
 from rona_core.app.steps.maps.messages import StartGapPlan, StartMapping
-from rona_core.app.steps.path.painting import allowed_in_patch, require_none_avoided
+from rona_core.app.steps.path.inputs import allowed_in_patch, require_none_avoided
 from rona_core.app.steps.roll.derivation import plan_settings
 from rona_core.app.steps.roll.messages import StartRollSearch
 from rona_core.devices.protocols import Cancel, Progress

@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 
 from rona_core.app.dependencies.staleness import required
-from rona_core.app.steps.acoustics.inputs import ROBOT_PROBE
-from rona_core.app.steps.scan.inputs import KNOWN_MOUNTING
+from rona_core.app.steps.acoustics.derivation import ROBOT_PROBE
+from rona_core.app.steps.scan.derivation import KNOWN_MOUNTING
 from rona_core.app.steps.scan.planned_motion import plan_of
 from rona_core.devices.live import RecordedSoFar
 from rona_core.devices.samples import AScanTrack, JointTrack

@@ -4,13 +4,13 @@ from dataclasses import dataclass
 
 from rona_core.app.declarations.inputs import Input, Quantity, given, inputs
 from rona_core.app.dependencies.staleness import result_input, stale_reason
-from rona_core.app.steps.acoustics.inputs import DETECTION, KNOWN_SPEED, ROBOT_PROBE
+from rona_core.app.steps.acoustics.derivation import DETECTION, KNOWN_SPEED, ROBOT_PROBE
 from rona_core.app.steps.maps.further_passes import Passes, usable_second
-from rona_core.app.steps.path.painting import PAINTED
+from rona_core.app.steps.path.inputs import PAINTED
 from rona_core.app.steps.roll.inputs import DRIVEN, Driven
-from rona_core.app.steps.scan.inputs import PLACES, PLACES_OF_ALL, POSES, SCAN, ProbePlaces
-from rona_core.app.steps.setup.inputs import PROBE, TRACKER_PROFILE
-from rona_core.app.steps.surface.inputs import SURFACE
+from rona_core.app.steps.scan.derivation import PLACES, PLACES_OF_ALL, POSES, SCAN, ProbePlaces
+from rona_core.app.steps.setup.capture_parts import PROBE, TRACKER_PROFILE
+from rona_core.app.steps.surface.derivation import SURFACE
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.calibration.handheld.pointer import PointerCalibration
 from rona_core.devices.settings import ProbeSettings, TrackerProfile

@@ -23,12 +23,12 @@ from rona_core.app.steps.maps.messages import (
     StartGapScan,
     StartMapping,
 )
-from rona_core.app.steps.roll.plan_reasons import why_no_plan
+from rona_core.app.steps.roll.certificate_view import why_no_plan
 from rona_core.app.steps.scan.captures import capture_scan
-from rona_core.app.steps.scan.inputs import SCAN
-from rona_core.app.steps.scan.landmarks.gate import LANDMARKS, verified_first
+from rona_core.app.steps.scan.derivation import SCAN
+from rona_core.app.steps.scan.landmarks.step import LANDMARKS, verified_first
 from rona_core.app.steps.setup import capture_parts as parts
-from rona_core.app.steps.surface.inputs import SURFACE
+from rona_core.app.steps.surface.derivation import SURFACE
 from rona_core.session.document import SecondPass, Session
 
 

@@ -8,7 +8,7 @@ from scipy.spatial import KDTree
 
 from rona_core.app.dependencies.staleness import made_of, stale_reason
 from rona_core.app.steps.maps.further_passes import usable_second
-from rona_core.app.steps.roll.plan_reasons import why_no_plan
+from rona_core.app.steps.roll.certificate_view import why_no_plan
 from rona_core.geometry.arrays import Bools, Floats, readonly
 from rona_core.mapping.accuracy.map_accuracy import CellSigma, MapAccuracy
 from rona_core.mapping.boundary_map import BoundaryMap, Maps

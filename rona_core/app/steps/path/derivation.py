@@ -2,9 +2,14 @@
 
 import numpy as np
 
-from rona_core.app.steps.path.inputs import PathInputs, PatternInputs, viewpoint
+from rona_core.app.steps.path.inputs import (
+    CLEARANCE_MM,
+    PathInputs,
+    PatternInputs,
+    allowed_in_patch,
+    viewpoint,
+)
 from rona_core.app.steps.path.messages import BuildPath, GenerateScanPattern
-from rona_core.app.steps.path.painting import CLEARANCE_MM, allowed_in_patch
 from rona_core.app.steps.surface.derivation import tip_track
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.rigid_fit import fit_plane

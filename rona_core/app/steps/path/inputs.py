@@ -1,11 +1,14 @@
-"""Inputs of the scan path, and what others take from it."""
+"""Inputs of the scan path, painted regions among them, and what others take from it."""
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from rona_core.app.declarations.inputs import Input, Quantity, given, inputs
+from rona_core.app.dependencies.judge import require_inputs
 from rona_core.app.dependencies.references import (
     REGISTERED,
     HeadReference,
@@ -14,18 +17,130 @@ from rona_core.app.dependencies.references import (
     head_input,
     head_of,
 )
-from rona_core.app.dependencies.staleness import capture_input, result_input, stale_reason
-from rona_core.app.steps.path.messages import GenerateScanPattern
-from rona_core.app.steps.path.painting import PAINTED
-from rona_core.app.steps.pointer.inputs import POINTER
-from rona_core.app.steps.setup.inputs import CHOOSE_REFERENCE, RADIUS
-from rona_core.app.steps.surface.inputs import SURFACE, SURFACE_CAPTURE, Strokes
+from rona_core.app.dependencies.staleness import capture_input, required, result_input, stale_reason
+from rona_core.app.steps.path.messages import (
+    ClearPaintedRegions,
+    GenerateScanPattern,
+    PaintRegion,
+    StartPathCapture,
+)
+from rona_core.app.steps.pointer.derivation import POINTER
+from rona_core.app.steps.setup.capture_parts import CHOOSE_REFERENCE, RADIUS
+from rona_core.app.steps.surface.derivation import SURFACE, SURFACE_CAPTURE, Strokes
 from rona_core.calibration.handheld.pointer import PointerCalibration
-from rona_core.geometry.arrays import Vector3
+from rona_core.errors import InvalidInputError
+from rona_core.geometry.arrays import Bools, Floats, Vector3
+from rona_core.geometry.pose import Pose
 from rona_core.geometry.surface.cloud import SurfaceCloud
-from rona_core.path.zones import PaintedRegions
+from rona_core.path.scan_patterns import Inside
+from rona_core.path.zones import PaintedRegions, PaintedStroke
 from rona_core.session.captures import PointerCapture
 from rona_core.session.document import RawPath, Session, SmoothPath
+
+MAX_STROKES = 100
+ON_SURFACE_MM = 10.0  # a stroke whose every place is farther from the surface was meant elsewhere
+CLEARANCE_MM = 1.5  # of what is planned, to what is to be avoided: smoothing takes up to 1 mm of it
+HAND_MM = 1.0  # by which a hand that follows a line leaves it
+LOOK_MM = 0.5  # between places at which a line drawn by hand is looked at
+
+PAINTED = Input(lambda s: s.painted if len(s.painted) else None, "paint regions", optional=True)
+
+
+def paint_region(message: PaintRegion, session: Session) -> Session:
+    """Carry out `PaintRegion`.
+
+    Raises:
+        StepBlockedError: no surface was measured yet.
+        InvalidInputError: the stroke lies off the surface, or there are too many.
+    """
+    require_inputs(PaintRegion, session)
+    cloud = required(SURFACE, session).points_base
+    away_mm = float(KDTree(cloud).query(np.array(message.stroke_base_mm))[0].min())
+    if away_mm > ON_SURFACE_MM + message.radius_mm:
+        raise InvalidInputError(
+            f"the stroke lies {away_mm:.0f} mm off the measured surface: paint on the bone"
+        )
+    strokes = session.painted.strokes
+    if len(strokes) >= MAX_STROKES:
+        raise InvalidInputError(f"at most {MAX_STROKES} strokes: clear some, or take a wider brush")
+    stroke = PaintedStroke(message.kind, message.stroke_base_mm, message.radius_mm)
+    return replace(session, painted=PaintedRegions((*strokes, stroke)))
+
+
+def clear_painted(message: ClearPaintedRegions, session: Session) -> Session:
+    """Carry out `ClearPaintedRegions`."""
+    kept = () if message.kind is None else session.painted.strokes
+    left = tuple(stroke for stroke in kept if stroke.kind != message.kind)
+    return replace(session, painted=PaintedRegions(left))
+
+
+def require_allowed_picks(message: StartPathCapture, session: Session) -> None:
+    """Raise InvalidInputError where a line drawn by hand leaves the regions that may be scanned."""
+    picks = np.array(message.picks_base_mm, dtype=np.float64)
+    if not len(session.painted) or len(picks) < 2:
+        return
+    for number, (start, end) in enumerate(pairwise(picks), start=1):
+        count = int(np.ceil(np.linalg.norm(end - start) / LOOK_MM)) + 1
+        line = start + np.linspace(0.0, 1.0, count)[:, None] * (end - start)
+        words = why_not(session.painted, line)
+        if words is not None:
+            raise InvalidInputError(
+                f"the line from point {number} to {number + 1} {words}: draw it elsewhere, or "
+                "clear what was painted",
+                pick=number,
+            )
+
+
+def allowed_in_patch(
+    painted: PaintedRegions,
+    T_base_patch: Pose,
+    *,
+    clearance_mm: float = CLEARANCE_MM,
+    margin_mm: float = 0.0,
+) -> Inside | None:
+    """Return the test which places (k, 2) of a plane may be scanned; None where all may.
+
+    Args:
+        painted: Strokes.
+        T_base_patch: The plane is x and y of it.
+        clearance_mm: Kept to what is to be avoided.
+        margin_mm: Kept to both.
+    """
+    if not len(painted):
+        return None
+    T_patch_base, clearance_mm = T_base_patch.inv(), max(clearance_mm, margin_mm)
+
+    def allowed(places: Floats) -> Bools:
+        return painted.allowed(places, T_patch_base, clearance_mm=clearance_mm, margin_mm=margin_mm)
+
+    return allowed
+
+
+def why_not(painted: PaintedRegions, points_base: Floats) -> str | None:
+    """Return why the probe must not follow these points (n, 3) of the bone; None: it may."""
+    if painted.avoided(points_base).any():
+        return "crosses a region to avoid"
+    if not painted.allowed(points_base).all():
+        return "leaves the region to scan"
+    return None
+
+
+def require_none_avoided(painted: PaintedRegions, points_base: Floats) -> None:
+    """Raise InvalidInputError where a path (n, 3) comes into a region to avoid."""
+    if not painted.of("avoid"):
+        return
+    depths_mm = painted.depths_mm("avoid", points_base)
+    inside: Bools = depths_mm >= 0.0
+    if not inside.any():
+        return
+    steps = np.linalg.norm(np.diff(points_base, axis=0), axis=1)
+    along = np.concatenate(([0.0], np.cumsum(steps)))
+    raise InvalidInputError(
+        f"the path comes {depths_mm.max():.1f} mm into a region to avoid, first at "
+        f"{along[inside][0]:.0f} mm of its length: draw or generate it again (step 5), take a "
+        "smaller tolerance, or clear the region"
+    )
+
 
 PATH_CAPTURE: Input[PointerCapture] = capture_input("path")
 PATH: Input[RawPath] = result_input("path")

@@ -8,7 +8,7 @@ from rona_core.app.dependencies.staleness import result_input
 from rona_core.app.messages.message import message_from
 from rona_core.app.steps.path.inputs import SMOOTHING
 from rona_core.app.steps.roll.messages import StartRollSearch
-from rona_core.app.steps.setup.inputs import BASE, MODEL, OBSTACLES, SCAN_SPEED
+from rona_core.app.steps.setup.capture_parts import BASE, MODEL, OBSTACLES, SCAN_SPEED
 from rona_core.devices.settings import RobotSettings
 from rona_core.robot.base_placement.reachability import BasePlacement
 from rona_core.robot.collision.obstacles import Obstacles

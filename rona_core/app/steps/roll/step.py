@@ -1,31 +1,149 @@
 """Roll: motion planning over the free angle about the probe, and placement of the base."""
 
+from dataclasses import dataclass, replace
+from typing import Literal
+
 from rona_core.app.declarations import declarations as declare
-from rona_core.app.dependencies.judge import require_inputs
+from rona_core.app.declarations.declarations import USABLE, ActivityContext, Judgement, Remedy
+from rona_core.app.dependencies.judge import fresh, require_inputs
 from rona_core.app.dependencies.staleness import required, stale_reason
-from rona_core.app.messages.message import values_of
+from rona_core.app.messages.message import StoreResult, serialize_arguments, values_of
 from rona_core.app.runtime.handling import compute
 from rona_core.app.steps.roll import messages
-from rona_core.app.steps.roll.base_placement import (
-    find_placement,
-    judge_places,
-    judge_plan,
-    require_move,
-)
+from rona_core.app.steps.roll.certificate_view import plan_reason, roll_summary
 from rona_core.app.steps.roll.derivation import (
+    ROLLS,
+    find_places,
+    find_places_again,
     plan_chosen_roll,
     plan_motion,
     plan_motion_again,
 )
-from rona_core.app.steps.roll.inputs import DRIVEN, PLACEMENT, ROLL, SMOOTHING
-from rona_core.app.steps.roll.place_search import find_places, find_places_again
-from rona_core.app.steps.roll.plan_reasons import roll_summary
+from rona_core.app.steps.roll.inputs import DRIVEN, OWN_ROLLS, PLACEMENT, ROLL, SMOOTHING
+from rona_core.app.steps.roll.messages import ApplyBasePlacement, StartBasePlacement
 from rona_core.app.steps.setup.messages import SetRobot
 from rona_core.app.steps.setup.step import set_robot
 from rona_core.app.steps.tool.messages import StartRobotMove
 from rona_core.app.steps.tool.robot_motion import move_robot, require_joint_limits
-from rona_core.errors import StaleResultError, StepBlockedError
+from rona_core.devices.settings import RobotSettings
+from rona_core.errors import NotReachableError, StaleResultError, StepBlockedError
+from rona_core.geometry.arrays import Bools, Floats
+from rona_core.geometry.pose import Pose
+from rona_core.robot.base_placement.reachability import BasePlace, BasePlacement, base_pose
+from rona_core.robot.planning.plan import RobotPlan
 from rona_core.session.document import Derived, Session
+
+__all__ = ["BasePlace", "BasePlacement", "PlacementView", "fresh_placement", "placement_view"]
+
+
+Which = Literal["best", "smallest"]
+STILL_MM, STILL_DEG = 0.5, 0.05  # a base that moves by less stays where it is
+
+
+def find_placement(
+    message: StartBasePlacement, session: Session, context: ActivityContext
+) -> tuple[StoreResult, ...]:
+    """Carry out `StartBasePlacement`; rolls of one's own are stored with the result."""
+    (found,) = compute(message, session, context)
+    rolls = OWN_ROLLS.read(session)
+    if rolls is None:
+        return (found,)
+    return (replace(found, arguments={**found.arguments, ROLLS: serialize_arguments(rolls)}),)
+
+
+def moves(place: BasePlace) -> bool:
+    """Return whether a place is another one than where the base stands."""
+    return place.moved_mm > STILL_MM or place.turned_deg > STILL_DEG
+
+
+def advice(placement: BasePlacement) -> str:
+    """Return in a sentence where to put the base, or that no place helps."""
+    near, best = placement.smallest, placement.best
+    if near is None or best is None:
+        return f"Change the path: {'; '.join(placement.reasons[1:])}"
+    if not moves(near):
+        return "The base may stay: a motion from where it stands is certified"
+    farther = "" if best is near else f". With the largest margin: {best.sentence}"
+    return f"Move the robot base. The smallest move that was certified: {near.sentence}{farther}"
+
+
+def judge_plan(plan: RobotPlan, session: Session) -> Judgement:
+    """Return whether a planned motion can be driven, and which place of the base would help."""
+    reason = plan_reason(session)
+    if reason is None:
+        return USABLE
+    found = fresh_placement(session)
+    if found is None:
+        remedy = Remedy("look for a place of the base (step 7)", StartBasePlacement())
+    elif found.smallest is not None and moves(found.smallest):
+        remedy = Remedy("move the base (step 7)", ApplyBasePlacement())
+    else:
+        remedy = Remedy("choose another roll (step 7) or change the path (step 5)")
+    return Judgement("bad", reason, remedy)
+
+
+def judge_places(found: BasePlacement, session: Session) -> Judgement:
+    """Return whether a search found a place of the base."""
+    if found.smallest is not None:
+        return USABLE
+    return Judgement("bad", "; ".join(found.reasons), Remedy("change the path (step 5)"))
+
+
+def require_move(session: Session, which: Which) -> RobotSettings:
+    """Return the robot's settings with its base at the place that was found.
+
+    Raises:
+        NotReachableError: no place was found, or the base stands there already.
+    """
+    placement = required(PLACEMENT, session)
+    place = placement.best if which == "best" else placement.smallest
+    if place is None:
+        raise NotReachableError(f"the base stays where it is: {placement.reasons[-1]}")
+    if not moves(place):
+        raise NotReachableError("the base stays where it is: the scan works from there")
+    return place.moved(session.setup.devices.robot)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlacementView:
+    """Cells of the map, and the two places that were planned in full."""
+
+    room: Pose  # pose in ``base`` of the base at its default place
+    x_mm: Floats  # (nx,) middles of the cells, along x of the room
+    y_mm: Floats  # (ny,)
+    margins: Floats  # (nx, ny) 0 and more seems to work
+    blocked: Bools  # (nx, ny)
+    best: Pose | None  # pose of the base there; None where there is none, or no move
+    smallest: Pose | None
+
+
+def fresh_placement(session: Session) -> BasePlacement | None:
+    """Return the places that were found, while they hold for the robot and path of now."""
+    return fresh("placement", session)
+
+
+def placement_view(session: Session) -> PlacementView | None:
+    """Return what to draw; None while no search holds."""
+    found = fresh_placement(session)
+    if found is None:
+        return None
+    robot = session.setup.devices.robot
+    room = base_pose(robot.base_shift_mm, robot.base_turn_deg).inv()
+
+    def pose(place: BasePlace | None) -> Pose | None:
+        if place is None or not moves(place):
+            return None
+        return room @ base_pose(place.shift_mm, place.turn_deg)
+
+    return PlacementView(
+        room=room,
+        x_mm=found.x_mm,
+        y_mm=found.y_mm,
+        margins=found.margins.astype(float),
+        blocked=found.blocked,
+        best=pose(found.best),
+        smallest=pose(found.smallest),
+    )
 
 
 def apply_base_placement(message: messages.ApplyBasePlacement, session: Session) -> Session:

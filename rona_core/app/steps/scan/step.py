@@ -2,15 +2,22 @@
 
 from dataclasses import replace
 
+import numpy as np
+
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext, Message, Remedy
-from rona_core.app.dependencies.judge import by_verdict
-from rona_core.app.dependencies.staleness import capture_input, result_input, session_obstacles
-from rona_core.app.runtime.handling import record
+from rona_core.app.dependencies.judge import by_verdict, judge_part
+from rona_core.app.dependencies.staleness import (
+    capture_input,
+    capture_setup_digest,
+    result_input,
+    session_obstacles,
+)
+from rona_core.app.runtime.handling import compute_result, record
 from rona_core.app.runtime.recording import ARRIVAL_S, begin, finish
 from rona_core.app.steps.scan.captures import capture_scan
-from rona_core.app.steps.scan.head_view import unwatched
-from rona_core.app.steps.scan.landmarks.gate import LANDMARKS, verified_first
+from rona_core.app.steps.scan.derivation import GAUGE, GaugeCapture, find_mounting
+from rona_core.app.steps.scan.landmarks.step import LANDMARKS, verified_first
 from rona_core.app.steps.scan.messages import (
     CalibrateProbeMounting,
     StartHome,
@@ -18,16 +25,65 @@ from rona_core.app.steps.scan.messages import (
     StartRetract,
     StartScan,
 )
-from rona_core.app.steps.scan.mounting_derivation import GAUGE, GaugeCapture, find_mounting
 from rona_core.app.steps.scan.planned_motion import planned_scans
-from rona_core.app.steps.scan.probe_mounting import calibrate_probe_mounting, capture_gauge
+from rona_core.app.steps.scan.view import unwatched
 from rona_core.app.steps.setup import capture_parts as parts
-from rona_core.app.steps.setup.inputs import BLOCK_PROBE
+from rona_core.app.steps.setup.capture_parts import BLOCK_PROBE
 from rona_core.app.steps.tool.robot_motion import FreeMoves, drive_to, same_place
+from rona_core.devices.samples import AScanTrack
 from rona_core.errors import CancelledError, StepBlockedError
-from rona_core.geometry.arrays import Floats
+from rona_core.geometry.arrays import Floats, readonly
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import Session
+from rona_core.ultrasound.acoustic_calibration.probe_mounting import ProbeMounting
+from rona_core.ultrasound.probe.probe_model import probe_model
+
+DEPTHS_MM = (0.3, 0.6, 0.9, 1.2)  # of the gauge plate; a scan at 3 N presses by 1.5 mm
+
+
+def capture_gauge(
+    activity: StartProbeMountingCapture, session: Session, context: ActivityContext
+) -> GaugeCapture:
+    """Record A-scans on the gauge plate, a track for each depth."""
+    probe = session.setup.devices.probe
+    ordinal = begin(session, context)
+    tracks: list[AScanTrack] = []
+    sigma_mm = 0.0
+    for number, depth_mm in enumerate(DEPTHS_MM):
+        if context.cancel():
+            raise CancelledError("the A-scans on the gauge plate were cancelled")
+        track, sigma_mm = context.rig.bench.record_gauge_plate(probe, depth_mm, activity.n)
+        tracks.append(track)
+        context.progress((number + 1) / len(DEPTHS_MM))
+    return GaugeCapture(
+        ordinal=ordinal,
+        setup_digest=capture_setup_digest("gauge", session),
+        tracks=tuple(tracks),
+        depths_mm=readonly(np.array(DEPTHS_MM)),
+        sigma_mm=sigma_mm,
+    )
+
+
+def calibrate_probe_mounting(message: CalibrateProbeMounting, session: Session) -> Session:
+    """Carry out `CalibrateProbeMounting`."""
+    if message.use:
+        return compute_result(message, session)
+    return session.with_result("mounting", None)
+
+
+def mounting_words(session: Session) -> str:
+    """Return what is known of the probe's mounting, and whether it is used; empty if it is not."""
+    held = session.results.get("mounting")
+    if held is None:
+        return ""
+    found: ProbeMounting = held.value
+    shift_mm = found.shift_mm(probe_model(session.setup.devices.probe))
+    words = (
+        f"Outer boundary {shift_mm:+.2f} mm (outward) against a probe as drawn, by its mounting "
+        f"and its line together, ± {found.sigma_mm:.2f} mm"
+    )
+    return judge_part("mounting", session).beside(words)
+
 
 SCAN_CAPTURE, ROLL = capture_input("scan"), result_input("roll")
 

@@ -4,11 +4,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.app.steps.path.painting import require_none_avoided
-from rona_core.app.steps.smoothing.inputs import SmoothingInputs
+from rona_core.app.declarations.inputs import Input, given, inputs
+from rona_core.app.steps.path.inputs import (
+    DEMONSTRATED,
+    OF_REGISTRATION,
+    PAINTED,
+    PATH,
+    VIEWPOINT,
+    require_none_avoided,
+)
 from rona_core.app.steps.smoothing.messages import SmoothScanPath
+from rona_core.app.steps.surface.derivation import SURFACE
 from rona_core.errors import DegenerateGeometryError
-from rona_core.geometry.arrays import Floats, readonly
+from rona_core.geometry.arrays import Floats, Vector3, readonly
+from rona_core.geometry.surface.cloud import SurfaceCloud
 from rona_core.geometry.surface.normals.normals import NormalField
 from rona_core.path.manual_edits import EditedPath, PathEdits, distances_to_edited, edit_path
 from rona_core.path.path_samples import densify, filter_path, insert_waypoints
@@ -17,6 +26,24 @@ from rona_core.path.simplification.simplify import SimplifiedPath, simplify
 from rona_core.path.zones import PaintedRegions
 from rona_core.session.captures import PointerCapture
 from rona_core.session.document import RawPath, SmoothPath
+
+EDITS = Input(lambda s: s.path_edits, "smooth the path (step 6)")
+
+
+@inputs(
+    implied=("demonstration", "strokes", "tool", *OF_REGISTRATION),
+    free=("use of the base marker",),
+)
+class SmoothingInputs:
+    """What the path is smoothed from."""
+
+    path: RawPath = given(PATH, "path")
+    cloud: SurfaceCloud = given(SURFACE, "surface")
+    edits: PathEdits = given(EDITS, "edits")
+    painted: PaintedRegions | None = given(PAINTED, "painted regions")
+    demonstrated: PointerCapture | None = given(DEMONSTRATED, "demonstration")  # None: a pattern
+    viewpoint: Vector3 = given(VIEWPOINT)
+
 
 DOUBTFUL = ("one_sided", "uncertain")  # flags of normals that serve where there are no better
 

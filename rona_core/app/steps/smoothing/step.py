@@ -6,7 +6,7 @@ from rona_core.app.runtime.handling import compute_result
 from rona_core.app.steps.path.inputs import PATH
 from rona_core.app.steps.smoothing.derivation import smooth_path
 from rona_core.app.steps.smoothing.messages import SmoothScanPath
-from rona_core.app.steps.surface.inputs import SURFACE
+from rona_core.app.steps.surface.derivation import SURFACE
 from rona_core.session.document import Session
 
 SMOOTHING = result_input("smoothing")

@@ -10,7 +10,7 @@ import numpy as np
 
 from rona_core.app.dependencies.references import reference_of
 from rona_core.app.dependencies.staleness import required
-from rona_core.app.steps.pointer.inputs import POINTER
+from rona_core.app.steps.pointer.derivation import POINTER
 from rona_core.app.steps.surface.derivation import tip_of
 from rona_core.devices.live import LiveState
 from rona_core.devices.samples import ToolTrack, TrackerFrame

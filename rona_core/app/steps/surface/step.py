@@ -10,13 +10,17 @@ from rona_core.app.dependencies.references import carried_remark
 from rona_core.app.messages.message import StoreCapture
 from rona_core.app.runtime.handling import compute, compute_result
 from rona_core.app.runtime.recording import capture_stroke, part_of
-from rona_core.app.steps.pointer.inputs import POINTER
+from rona_core.app.steps.pointer.derivation import POINTER
 from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.surface import messages
-from rona_core.app.steps.surface.derivation import build_surface
-from rona_core.app.steps.surface.inputs import SURFACE, SURFACE_CAPTURE
-from rona_core.app.steps.surface.skull_registration import register_skull, require_loaded
-from rona_core.app.steps.tool.inputs import TOOL
+from rona_core.app.steps.surface.derivation import (
+    SURFACE,
+    SURFACE_CAPTURE,
+    build_surface,
+    register_skull,
+    require_loaded,
+)
+from rona_core.app.steps.tool.derivation import TOOL
 from rona_core.app.steps.tool.step import moved_tracker
 from rona_core.session.captures import PointerCapture
 from rona_core.session.document import Session

@@ -7,8 +7,7 @@ import numpy as np
 
 from rona_core.app.declarations.figures import FIGURES, limit_of
 from rona_core.app.dependencies.staleness import required
-from rona_core.app.steps.tool.derivation import tool_poses
-from rona_core.app.steps.tool.inputs import TOOL_CAPTURE
+from rona_core.app.steps.tool.derivation import TOOL_CAPTURE, tool_poses
 from rona_core.calibration.pivot.pose_coverage import NextPose, next_best_pose, swing_coverage
 from rona_core.devices.trackers import GEOMETRIES
 from rona_core.errors import DegenerateGeometryError, RonaError

@@ -4,8 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from rona_core.app.dependencies.references import base_reference
-from rona_core.app.steps.tool.inputs import ToolInputs
+from rona_core.app.declarations.inputs import Input, given, inputs
+from rona_core.app.dependencies.references import TRACKER_FIELD, base_reference
+from rona_core.app.dependencies.staleness import capture_input, result_input
+from rona_core.app.steps.setup.capture_parts import MODEL, ROBOT_ERRORS
 from rona_core.app.steps.tool.messages import RegisterTool
 from rona_core.calibration.hand_eye.quality import registration_sigma_mm
 from rona_core.calibration.hand_eye.robot_accuracy import (
@@ -15,7 +17,7 @@ from rona_core.calibration.hand_eye.robot_accuracy import (
 )
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration, register_tool
 from rona_core.calibration.timing.time_offset import TimeOffset, estimate_time_offset
-from rona_core.calibration.tracking_error import LearnedField
+from rona_core.calibration.tracking_error import LearnedField, TrackerErrorField
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.geometry.pose import Poses
@@ -24,6 +26,20 @@ from rona_core.robot.kinematics.link_errors import ROBOT_ACCURACY_MM, link_error
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.session.captures import ToolCapture
 from rona_core.session.memo import remember
+
+TOOL_CAPTURE: Input[ToolCapture] = capture_input("tool")
+TOOL: Input[ToolRegistration] = result_input("tool")
+
+
+@inputs(implied=("errors of the robot", "field of the tracker"))
+class ToolInputs:
+    """What tool, robot and tracker are registered from."""
+
+    capture: ToolCapture = given(TOOL_CAPTURE, "capture")
+    robot: str = given(MODEL, "robot")
+    errors: bool = given(ROBOT_ERRORS, "errors of the robot")
+    field: TrackerErrorField = given(TRACKER_FIELD, "field of the tracker")
+
 
 SIGNIFICANT_SIGMAS = 3.0  # a smaller delay is not significant, and is not corrected
 SETTLE_S = 0.1  # after the robot has stopped, before frames count

@@ -1,22 +1,28 @@
-"""Certified motions of the robot from where it stands to where a step begins."""
+"""Certified motions of the robot, and what is recorded along that of the calibration."""
+
+from collections.abc import Callable
 
 import numpy as np
 
 from rona_core.app.declarations.declarations import ActivityContext, Message
-from rona_core.app.dependencies.staleness import session_obstacles
-from rona_core.app.runtime.recording import begin, finish
+from rona_core.app.dependencies.staleness import capture_setup_digest, session_obstacles
+from rona_core.app.runtime.recording import begin, finish, record_frames
 from rona_core.app.steps.tool.messages import StartRobotMove
+from rona_core.devices.protocols import Motion, Robot
+from rona_core.devices.samples import JointSample, JointTrack, ToolTrack, TrackerFrame
 from rona_core.errors import CancelledError, InvalidInputError, NotReachableError, StepBlockedError
-from rona_core.geometry.arrays import Floats
+from rona_core.geometry.arrays import Floats, readonly
 from rona_core.robot.collision.collision_world import CollisionWorld, require_clear
 from rona_core.robot.collision.obstacles import Obstacles
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.robot_model import RobotModel
+from rona_core.robot.planning.calibration_motion import ToolMotion
 from rona_core.robot.trajectory.joint_moves import plan_joint_move
 from rona_core.robot.trajectory.scan_timing import retract_after_stop
 from rona_core.robot.trajectory.trajectory import TimedMotion, Trajectory
 from rona_core.robot.verification.certificate import Certificate
 from rona_core.robot.verification.verifier import verify_motion
+from rona_core.session.captures import ToolCapture
 from rona_core.session.document import Session
 from rona_core.session.memo import Memo
 
@@ -156,3 +162,63 @@ def require_joint_limits(activity: StartRobotMove, session: Session) -> None:
         raise InvalidInputError(
             f"joint {j + 1} must be {low:.1f} to {high:.1f} deg, not {np.rad2deg(q_rad[j]):.6g}"
         )
+
+
+Start = Callable[[Robot, ToolMotion], Motion]
+
+
+def freely(robot: Robot, plan: ToolMotion) -> Motion:
+    """Start a calibration motion that nothing touches."""
+    return robot.move(plan.times_s, plan.qs_rad)
+
+
+def record_tool_motion(
+    kind: str,
+    plan: ToolMotion,
+    model: RobotModel,
+    around: Obstacles,
+    session: Session,
+    context: ActivityContext,
+    start: Start = freely,
+) -> ToolCapture:
+    """Record the tool marker and the joints along a motion that was certified.
+
+    Args:
+        kind: Name of the capture.
+        plan: The motion.
+        model: The robot with the tool that it holds.
+        around: What it was certified among.
+        session: With the set-up.
+        context: With the devices.
+        start: How the robot carries it out.
+
+    Raises:
+        NotReachableError: the motion is not certified, or there is no way to where it begins.
+        CancelledError: Cancel or Stop was pressed on the way there.
+    """
+    require_certified("the tool motion", plan.certificate, plan, model, around)
+    drive_to(plan.qs_rad[0], session, context, model)
+    ordinal = begin(session, context)
+    motion = start(context.rig.robot, plan)
+    joints: list[JointSample] = []
+
+    def with_joints(frame: TrackerFrame) -> bool:
+        joints.append(context.rig.robot.state())
+        context.live.put(joints=joints[-1])
+        context.progress(motion.progress())
+        return motion.done()
+
+    frames: list[TrackerFrame] = []
+    partial = record_frames(context, with_joints, frames)
+    return ToolCapture(
+        ordinal=ordinal,
+        setup_digest=capture_setup_digest(kind, session),
+        marker=ToolTrack.from_frames("toolmarker", frames),
+        joints=JointTrack.from_samples(joints),
+        dwell_start_s=readonly(np.array(plan.dwell_start_s)),
+        dwell_end_s=readonly(np.array(plan.dwell_end_s)),
+        phases=readonly(np.array(plan.phases, dtype=np.int64)),
+        partial=partial or motion.progress() < 1.0,
+        base=ToolTrack.from_frames("basemarker", frames),
+        tracker_place=session.setup.devices.tracker.place,
+    )

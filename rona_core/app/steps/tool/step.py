@@ -9,10 +9,9 @@ from rona_core.app.dependencies.references import REMEDY, placed_reason
 from rona_core.app.dependencies.staleness import session_obstacles
 from rona_core.app.runtime.handling import compute_result, record
 from rona_core.app.steps.setup import capture_parts as parts
-from rona_core.app.steps.tool.derivation import register
-from rona_core.app.steps.tool.inputs import TOOL, TOOL_CAPTURE
+from rona_core.app.steps.tool.derivation import TOOL, TOOL_CAPTURE, register
 from rona_core.app.steps.tool.messages import RegisterTool, StartToolCapture
-from rona_core.app.steps.tool.recorded_motion import record_tool_motion
+from rona_core.app.steps.tool.robot_motion import record_tool_motion
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.calibration_motion import ToolMotionSettings, plan_tool_motion
 from rona_core.session.captures import ToolCapture

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.app.steps.roll.plan_reasons import why_no_plan
+from rona_core.app.steps.roll.certificate_view import why_no_plan
 from rona_core.errors import (
     CancelledError,
     DegenerateGeometryError,

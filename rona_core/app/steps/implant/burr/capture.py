@@ -5,7 +5,7 @@ import numpy as np
 from rona_core.app.declarations.declarations import ActivityContext
 from rona_core.app.dependencies.staleness import session_obstacles
 from rona_core.app.steps.implant.burr.messages import StartBurrCapture
-from rona_core.app.steps.tool.recorded_motion import record_tool_motion
+from rona_core.app.steps.tool.robot_motion import record_tool_motion
 from rona_core.devices.protocols import Motion, Robot
 from rona_core.errors import NotReachableError
 from rona_core.robot.kinematics.catalog import milling_robot

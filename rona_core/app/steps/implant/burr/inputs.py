@@ -5,8 +5,8 @@ from rona_core.app.dependencies.judge import usable
 from rona_core.app.dependencies.references import TRACKER_FIELD
 from rona_core.app.dependencies.staleness import capture_input
 from rona_core.app.steps.implant.burr.registration import BurrRegistration
-from rona_core.app.steps.setup.inputs import MODEL, ROBOT_ERRORS
-from rona_core.app.steps.tool.inputs import TOOL
+from rona_core.app.steps.setup.capture_parts import MODEL, ROBOT_ERRORS
+from rona_core.app.steps.tool.derivation import TOOL
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.calibration.tracking_error import TrackerErrorField
 from rona_core.session.captures import ToolCapture

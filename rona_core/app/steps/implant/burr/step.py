@@ -9,7 +9,7 @@ from rona_core.app.steps.implant.burr.derivation import register_burr
 from rona_core.app.steps.implant.burr.inputs import BURR_CAPTURE
 from rona_core.app.steps.implant.burr.messages import RegisterBurr, StartBurrCapture
 from rona_core.app.steps.setup import capture_parts as parts
-from rona_core.app.steps.tool.inputs import TOOL
+from rona_core.app.steps.tool.derivation import TOOL
 from rona_core.session.captures import ToolCapture
 
 STEP = declare.Step(

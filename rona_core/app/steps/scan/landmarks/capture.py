@@ -5,9 +5,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from rona_core.app.declarations.declarations import ActivityContext
-from rona_core.app.dependencies.staleness import capture_setup_digest
+from rona_core.app.declarations.inputs import Input, given, inputs
+from rona_core.app.dependencies.references import REGISTERED, Registered, found_again
+from rona_core.app.dependencies.staleness import capture_input, capture_setup_digest, result_input
 from rona_core.app.runtime.recording import capture_hand
+from rona_core.app.steps.pointer.derivation import EVIDENCE, POINTER, Evidence
 from rona_core.app.steps.scan.landmarks.messages import StartLandmarkCapture
+from rona_core.app.steps.setup.capture_parts import CHOOSE_REFERENCE
+from rona_core.app.steps.tool.derivation import TOOL
+from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
+from rona_core.calibration.handheld.pointer import PointerCalibration
+from rona_core.calibration.landmark_check import LandmarkCheck
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.session.captures import PointerCapture
 from rona_core.session.document import Session
@@ -57,3 +65,42 @@ def capture_landmarks(
         dwell_end_s=readonly(starts_s + activity.dwell_s - SETTLE_S),
         partial=stroke.partial,
     )
+
+
+LANDMARKS_CAPTURE: Input[LandmarkCapture] = capture_input("landmarks")
+CHECK: Input[LandmarkCheck] = result_input("landmarks", optional=True)
+
+
+def _found_again(session: Session) -> bool:
+    held = LANDMARKS_CAPTURE.read(session)
+    return held is None or found_again(session, (held.stroke,))
+
+
+@inputs(
+    implied=(
+        "robot",
+        "errors of the robot",
+        "place of the tracker",
+        "field of the tracker",
+        "capture of the tool",
+        "capture of the pointer",
+    ),
+    free=("use of the base marker",),
+)
+class LandmarkInputs:
+    """What tracker, pointer and robot are compared from."""
+
+    capture: LandmarkCapture = given(LANDMARKS_CAPTURE, "capture")
+    registered: Registered = given(REGISTERED)
+    pointer: PointerCalibration = given(POINTER, "pointer")
+    found_again: bool = given(Input(_found_again, CHOOSE_REFERENCE), "reference")
+    evidence: Evidence = given(EVIDENCE)
+
+
+@inputs()
+class OverrideInputs:
+    """What a verification is overridden for."""
+
+    check: LandmarkCheck | None = given(CHECK, "landmarks")
+    tool: ToolRegistration = given(TOOL, "tool")
+    pointer: PointerCalibration = given(POINTER, "pointer")

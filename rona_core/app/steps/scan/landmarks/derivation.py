@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.app.steps.pointer.touched_places import repeating_errors
-from rona_core.app.steps.scan.landmarks.inputs import LandmarkInputs, OverrideInputs
+from rona_core.app.steps.pointer.derivation import repeating_errors
+from rona_core.app.steps.scan.landmarks.capture import LandmarkInputs, OverrideInputs
 from rona_core.app.steps.scan.landmarks.messages import OverrideLandmarks, VerifyLandmarks
 from rona_core.calibration.error_propagation import pose_covariance
 from rona_core.calibration.hand_eye.robot_accuracy import score_of_links

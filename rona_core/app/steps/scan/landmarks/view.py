@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.app.steps.scan.landmarks.gate import verification
+from rona_core.app.steps.scan.landmarks.step import verification
 from rona_core.session.document import Session
 
 Place = tuple[float, float, float]

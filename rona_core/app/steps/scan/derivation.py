@@ -1,20 +1,27 @@
-"""Inputs that results take from the scan: its A-scans, and where the probe was at each of them."""
+"""Where the probe was at each A-scan, and its mounting, found on a gauge plate."""
 
 from dataclasses import dataclass
 
-from rona_core.app.declarations.inputs import Input, Quantity
+from rona_core.app.declarations.inputs import Input, Quantity, given, inputs
 from rona_core.app.dependencies.judge import usable
 from rona_core.app.dependencies.references import HeadReference, HeadWatch, head_input
 from rona_core.app.dependencies.staleness import capture_input
-from rona_core.app.steps.setup.inputs import MODEL, PROBE
+from rona_core.app.steps.scan.messages import CalibrateProbeMounting
+from rona_core.app.steps.setup.capture_parts import BLOCK_PROBE, MODEL, PROBE
 from rona_core.calibration.timing.robot_latency import PoseDelay
+from rona_core.devices.samples import AScanTrack
 from rona_core.devices.settings import ProbeSettings
+from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Poses
 from rona_core.mapping.probe_poses import ProbePostures, face_poses, pose_delay, probe_postures
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.captures import ScanCapture
 from rona_core.session.memo import remember
-from rona_core.ultrasound.acoustic_calibration.probe_mounting import ProbeMounting
+from rona_core.ultrasound.acoustic_calibration.probe_mounting import (
+    ProbeMounting,
+    calibrate_mounting,
+)
+from rona_core.ultrasound.probe.probe_model import probe_model
 
 SCAN: Input[ScanCapture] = capture_input("scan")
 KNOWN_MOUNTING: Input[ProbeMounting] = Input(
@@ -92,3 +99,34 @@ DELAY: Quantity[PoseDelay] = Quantity(
 )
 PLACES, PLACES_OF_ALL = _places_of(HEAD), _places_of(HEAD_OF_ALL)
 POSES: Quantity[Poses] = Quantity(_first_poses, {"capture": SCAN, "places": PLACES})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GaugeCapture:
+    """The probe in its holder, pressed by a gauge plate: a track for each depth."""
+
+    ordinal: int
+    setup_digest: str
+    tracks: tuple[AScanTrack, ...]
+    depths_mm: Floats  # (k,)
+    sigma_mm: float  # of the depths, as the gauge's maker states it
+    partial: bool = False
+
+
+GAUGE: Input[GaugeCapture] = capture_input("gauge")
+
+
+@inputs()
+class MountingInputs:
+    """What the mounting of the probe is calibrated from."""
+
+    gauge: GaugeCapture = given(GAUGE, "gauge")
+    probe: ProbeSettings = given(BLOCK_PROBE, "probe")
+
+
+def find_mounting(known: MountingInputs, message: CalibrateProbeMounting) -> ProbeMounting:
+    """Find where the face of the probe is, and how fast its line, from the A-scans on the gauge."""
+    held, probe = known.gauge, known.probe
+    return calibrate_mounting(
+        held.tracks, held.depths_mm, held.sigma_mm, probe_model(probe), probe.excitation
+    )
