@@ -28,25 +28,10 @@ from rona_core.app.runtime.session_registry import SessionRegistry
 from rona_core.errors import InvalidInputError
 from rona_ui.api import problems
 from rona_ui.api.access_guard import LOOPBACK, Access, Guard, is_loopback
-from rona_ui.api.answers import InPieces
+from rona_ui.api.answers import FastJson, InPieces
 from rona_ui.api.bodies import AT_ONCE, BODY_BYTES
 from rona_ui.api.context import PREFIX
-from rona_ui.api.json_response import FastJson
-from rona_ui.api.routes import (
-    commands,
-    events,
-    files,
-    jobs,
-    maps,
-    probe,
-    procedure,
-    recovery,
-    results,
-    robot,
-    sessions,
-    tracker,
-)
-from rona_ui.api.routes import operator as hand
+from rona_ui.api.routes import devices, events, files, jobs, procedure, results, sessions
 from rona_ui.api.schema_limits import add_limits
 from rona_ui.api.streams import Streams
 from rona_ui.api.timed_protocol import TimedProtocol
@@ -162,10 +147,11 @@ def bare_app(hub: SessionRegistry, gateway: ViewerGateway | None, root_path: str
     _add_pages(app)  # before the interface: FastAPI prepares a route when it is first passed
     if gateway is not None:
         app.router.routes.extend(gateway.routes())
-    parts = (sessions, files, recovery, procedure, commands, jobs, results, maps, events)
-    parts += (tracker, robot, probe, hand)
-    declared = (commands.declared_commands(), jobs.declared_jobs())
-    routers = (*(part.router for part in parts), sessions.files, *declared)
+    parts = (sessions, files, procedure, jobs, results, events)
+    held = (devices.tracker_router, devices.robot_router, devices.probe_router)
+    held += (devices.operator_router, jobs.commands_router)
+    declared = (jobs.declared_commands(), jobs.declared_jobs())
+    routers = (*(part.router for part in parts), *held, sessions.files, *declared)
     for router in routers:
         app.include_router(router, prefix=PREFIX, responses=problems.RESPONSES)
     _describe(app, routers)

@@ -1,25 +1,44 @@
-"""JSON bodies: bounded by route, parsed and validated in a thread, keys that stand twice refused.
+"""Bodies of requests: bounded by route, parsed and validated in a thread; JSON or a file.
 
-The event loop answers Stop, so nothing that grows with a body is done in it.
+JSON bodies: bounded by route, parsed and validated in a thread, keys that stand twice refused. The
+event loop answers Stop, so nothing that grows with a body is done in it.
 """
 
 import asyncio
 import json
+import os
 import types
-from collections.abc import Callable, Coroutine, Iterator, Mapping
+from collections.abc import AsyncGenerator, Callable, Coroutine, Iterator, Mapping
+from contextlib import asynccontextmanager
 from dataclasses import fields, is_dataclass
-from typing import Any, Literal, Union, cast, get_args, get_origin, get_type_hints
+from pathlib import Path
+from typing import (
+    Annotated,
+    Any,
+    BinaryIO,
+    Literal,
+    Union,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
+from fastapi import Query
 from fastapi._compat import ModelField
 from fastapi.exceptions import RequestValidationError
 from fastapi.routing import APIRoute
+from pydantic import AfterValidator
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.middleware.body_limit import MAX_BODY_SIZE_SCOPE_KEY
 from starlette.requests import Request
 from starlette.responses import Response
 
-from rona_core.devices.limits import INNER, limits_of
+from rona_core.devices.limits import INNER, limits_of, require
+from rona_core.devices.settings import hidden_characters
+from rona_core.errors import storing
+from rona_core.session.files import open_temporary
 
 BODY_BYTES = 64 * 1024  # of a request whose route states nothing else
 NUMBER_BYTES = 26  # of a number with all its digits, sign, exponent, comma and blank
@@ -177,3 +196,65 @@ def _doubled_in(value: Any, path: tuple[str | int, ...]) -> Iterator[tuple[str |
     elif isinstance(value, list):
         for number, item in enumerate(cast("list[Any]", value)):
             yield from _doubled_in(item, (*path, number))
+
+
+def _seen(name: str) -> str:
+    """Return a name in which every character can be seen.
+
+    Raises:
+        InvalidInputError: there are hidden characters in it.
+    """
+    require(not hidden_characters(name), f"hidden characters in the name {name[:60]!a}")
+    return name
+
+
+FileName = Annotated[
+    str,
+    Query(min_length=1, max_length=120, description="plain file name"),
+    AfterValidator(_seen),
+]
+RAW_BODY = {
+    "requestBody": {
+        "required": True,
+        "content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}},
+    }
+}
+WRITTEN_AT_ONCE = 1 << 20  # bytes that are written together
+
+
+@asynccontextmanager
+async def spooled(request: Request, folder: Path) -> AsyncGenerator[Path]:
+    """Give a file in ``folder`` that holds the body; unless it was moved away, it goes afterwards.
+
+    A body that is cut off or too large for its route leaves nothing behind.
+
+    Raises:
+        RequestValidationError: there is no body.
+        StorageError: the file system refused.
+    """
+    with storing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        handle, path = open_temporary(folder / "upload")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            with storing(folder):
+                await _spool(request, file)
+            if not file.tell():
+                text = "expected the file as the body"
+                raise RequestValidationError([{"loc": ("body",), "msg": text, "type": "missing"}])
+            yield path  # while it is still locked, so that it is not taken for one left behind
+    finally:
+        path.unlink(missing_ok=True)
+
+
+async def _spool(request: Request, file: BinaryIO) -> None:
+    """Write a body to the end, and to the disk."""
+    held: list[bytes] = []
+    async for part in request.stream():
+        held.append(part)
+        if sum(map(len, held)) >= WRITTEN_AT_ONCE:
+            await run_in_threadpool(file.writelines, held)
+            held = []
+    file.writelines(held)
+    file.flush()
+    await run_in_threadpool(os.fsync, file.fileno())

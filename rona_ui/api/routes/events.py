@@ -14,9 +14,8 @@ from rona_core.app.runtime.session_registry import CURRENT, SessionRegistry
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.errors import NotFoundError
 from rona_ui.api.bodies import BodyRoute
-from rona_ui.api.context import Bench, Open, Sessions, origin_of
+from rona_ui.api.context import Bench, Open, Sessions, found, infos, origin_of
 from rona_ui.api.routes.jobs import job_info
-from rona_ui.api.session_info import found, infos
 from rona_ui.api.streams import ALIVE, DESCRIBED, EventStream, Streams, event
 from rona_ui.labels import doing
 

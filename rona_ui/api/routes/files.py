@@ -1,4 +1,4 @@
-"""Session files that can be opened, and the small picture that is kept of each."""
+"""Session files that can be opened, their pictures, and sessions left unsaved."""
 
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -9,12 +9,12 @@ from fastapi import APIRouter, Request, Response
 from fastapi import Path as InPath
 from starlette.concurrency import run_in_threadpool
 
+from rona_core.app.runtime.saving.autosave import LostSession
 from rona_core.app.runtime.saving.session_files import plain_name
 from rona_core.errors import InvalidInputError, NotFoundError
 from rona_core.session.files import write_whole
-from rona_ui.api.bodies import BodyRoute
-from rona_ui.api.context import Bench, Sessions
-from rona_ui.api.file_body import RAW_BODY
+from rona_ui.api.bodies import RAW_BODY, BodyRoute
+from rona_ui.api.context import PREFIX, Bench, SessionInfo, Sessions, info
 
 router = APIRouter(route_class=BodyRoute, tags=["files"])
 MAX_PICTURE_BYTES = 200 * 1024
@@ -97,3 +97,41 @@ async def keep_picture(hub: Sessions, bench: Bench, request: Request) -> None:
     if file is None or not hub.is_saved(bench.session.id):
         raise InvalidInputError("the session is not saved: a picture belongs to a file")
     await run_in_threadpool(write_whole, _picture(hub.files.folder, file.name), data)
+
+
+Key = Annotated[str, InPath(max_length=100, description="key of an unsaved session, from the list")]
+
+
+@dataclass(frozen=True, slots=True)
+class LostSessions:
+    """Sessions that were not saved when their program ended, the newest first."""
+
+    recoverable: tuple[LostSession, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Recovered:
+    """A session that is open again, and not saved yet."""
+
+    session: SessionInfo
+    problem: str | None  # what of it could not be recovered; then its copy stays in the list
+
+
+@router.get("/recoverable")
+def list_recoverable(hub: Sessions) -> LostSessions:
+    """List the sessions that were not saved when their program ended."""
+    return LostSessions(hub.lost())
+
+
+@router.post("/recoverable/{key}/open", status_code=201)
+def recover_session(hub: Sessions, response: Response, key: Key) -> Recovered:
+    """Open an unsaved session of an earlier run; the viewer shows it."""
+    bench, problem = hub.recover(key)
+    response.headers["Location"] = f"{PREFIX}/sessions/{bench.session.id}"
+    return Recovered(info(hub, bench), problem)
+
+
+@router.delete("/recoverable/{key}", status_code=204)
+def discard_session(hub: Sessions, key: Key) -> None:
+    """Remove an unsaved session of an earlier run for good."""
+    hub.discard(key)

@@ -16,11 +16,19 @@ from rona_core.devices.settings import STRICT
 from rona_core.errors import NotFoundError
 from rona_core.session.document import TITLE, Setup
 from rona_core.session.files import SUFFIX, session_bytes
-from rona_ui.api.bodies import BodyRoute
-from rona_ui.api.context import EXACT, PREFIX, Bench, SessionId, Sessions
-from rona_ui.api.file_body import RAW_BODY, FileName, spooled
-from rona_ui.api.json_response import plain
-from rona_ui.api.session_info import SessionInfo, found, info, infos
+from rona_ui.api.answers import plain
+from rona_ui.api.bodies import RAW_BODY, BodyRoute, FileName, spooled
+from rona_ui.api.context import (
+    EXACT,
+    PREFIX,
+    Bench,
+    SessionId,
+    SessionInfo,
+    Sessions,
+    found,
+    info,
+    infos,
+)
 from rona_ui.resources import demo_session
 
 router = APIRouter(route_class=BodyRoute, tags=["session"])

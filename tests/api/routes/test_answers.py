@@ -12,23 +12,9 @@ import pytest
 from fastapi.routing import APIRoute
 
 from rona_core.app.declarations.registry import REGISTRY
-from rona_ui.api.answers import LEAST_PACKED, PIECE, InPieces
+from rona_ui.api.answers import LEAST_PACKED, LONGEST_ARRAY, PIECE, InPieces, plain
 from rona_ui.api.bodies import BodyRoute
-from rona_ui.api.json_response import LONGEST_ARRAY, plain
-from rona_ui.api.routes import (
-    commands,
-    events,
-    files,
-    jobs,
-    maps,
-    operator,
-    probe,
-    recovery,
-    results,
-    robot,
-    sessions,
-    tracker,
-)
+from rona_ui.api.routes import devices, events, files, jobs, results, sessions
 from rona_ui.server import PREFIX
 
 LARGEST_JSON = 1_000_000  # bytes, of any answer about the demo session
@@ -260,10 +246,10 @@ def test_a_stream_is_open_before_its_first_event():
 
 
 def test_every_route_answers_from_a_thread():
-    parts = (sessions, files, recovery, commands, jobs, results, maps, events)
-    parts += (tracker, robot, probe, operator)
+    parts = (sessions, files, files, jobs, jobs, results, results, events)
+    parts += (devices, devices, devices, devices)
     routers = [*(part.router for part in parts), sessions.files]
-    routers += [commands.declared_commands(), jobs.declared_jobs()]
+    routers += [jobs.declared_commands(), jobs.declared_jobs()]
     routes = [route for router in routers for route in router.routes]
     assert len(routes) > 100
     for route in routes:

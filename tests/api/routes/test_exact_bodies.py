@@ -9,9 +9,8 @@ import pytest
 
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.steps.setup.messages import SetContact, SetProbe, SetRobot, SetTracker
-from rona_ui.api.routes.operator import PointerTurn
+from rona_ui.api.routes.devices import PointerTurn, ToolPose, Visible
 from rona_ui.api.routes.sessions import FileToOpen, FileToSave, NewSession
-from rona_ui.api.routes.tracker import ToolPose, Visible
 
 IN_SESSION = "/sessions/{}"
 ROUTES = [

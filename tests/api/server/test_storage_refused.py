@@ -35,7 +35,7 @@ PLACES = {
     "rona_core/app/runtime/saving/autosave.py": "tests/app/runtime/test_autosave.py",
     "rona_core/devices/files/reader_process.py": "a recording is read",
     "rona_core/session/files.py": "a session is saved",
-    "rona_ui/api/file_body.py": "a file is uploaded",
+    "rona_ui/api/bodies.py": "a file is uploaded",
     "rona_ui/cli/export.py": "maps are exported",
     "rona_ui/cli/report.py": "a report is written",
     "rona_ui/cli/serve.py": "the sessions folder is tried",

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from rona_core.compose import build_registry
-from rona_ui.api import file_body, timed_protocol
+from rona_ui.api import bodies, timed_protocol
 from rona_ui.server import ServerSettings
 from tests.helpers.api_server import TOKEN, start
 
@@ -163,13 +163,13 @@ def test_an_event_stream_stays(quick):
 
 
 def test_what_the_server_itself_is_slow_at_does_not_count(quick, monkeypatch):
-    genuine = file_body.open_temporary
+    genuine = bodies.open_temporary
 
     def late(path):
         time.sleep(3 * LIMITS["BODY_S"])
         return genuine(path)
 
-    monkeypatch.setattr(file_body, "open_temporary", late)
+    monkeypatch.setattr(bodies, "open_temporary", late)
     with connected(quick.port) as made:  # the body waits for 100 and the answer for the disk
         made.sendall((POST + "Expect: 100-continue\r\n" + LENGTH).encode())
         assert made.recv(1 << 16).startswith(b"HTTP/1.1 100 ")

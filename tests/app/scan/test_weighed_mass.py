@@ -6,7 +6,7 @@ import pytest
 
 from rona_core.app.report.sections import motion_section
 from rona_core.app.steps.scan.view import contact_report
-from rona_ui.api.json_response import plain
+from rona_ui.api.answers import plain
 from rona_ui.panels.scan.scan import contact_note
 
 
