@@ -23,7 +23,7 @@ from rona_core.session.document import Session
 from rona_ui.cli import _parser
 from rona_ui.cli.export import run as export
 from rona_ui.panels.layout.quality import table
-from rona_ui.panels.maps.export import ExportFolder
+from rona_ui.panels.maps.maps import ExportFolder
 from rona_ui.panels.setup.setup import SetupPanel
 from rona_ui.server import bare_app
 from tests.helpers.ui.fake_gui import FakeGui

@@ -8,8 +8,7 @@ from rona_core.app.steps.smoothing.messages import SmoothScanPath
 from rona_core.app.steps.smoothing.path_view import PathView
 from rona_core.devices.limits import limits_of
 from rona_core.session.document import Derived, SmoothPath
-from rona_ui.panels.path.path_graph import deviation_bar
-from rona_ui.panels.path.path_points import PathPoints
+from rona_ui.panels.path.smoothed_path import PathPoints, deviation_bar
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import on_change, on_click
 from rona_ui.panels.widgets.step_panel import StepPanel

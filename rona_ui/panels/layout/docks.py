@@ -4,23 +4,19 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from rona_ui.panels.implant.implant import ImplantPanel
-from rona_ui.panels.layout.frames_and_log import FramesPanel, LogPanel
+from rona_ui.panels.layout.bars import ReplayPanel, RunBar, StepList, StepTitle
+from rona_ui.panels.layout.frames_and_log import FramesPanel, LogPanel, Refused
 from rona_ui.panels.layout.page_link import PageLink
 from rona_ui.panels.layout.quality import QualityPanel
-from rona_ui.panels.layout.refused import Refused
-from rona_ui.panels.layout.replay_bar import ReplayPanel
-from rona_ui.panels.layout.run_bar import RunBar, StepList, StepTitle
 from rona_ui.panels.maps.maps import MapsPanel
 from rona_ui.panels.path.path import PathPanel
-from rona_ui.panels.path.path_graph import PathGraph
+from rona_ui.panels.path.smoothed_path import PathGraph
 from rona_ui.panels.pointer import PointerPanel
-from rona_ui.panels.roll.certificate import ChecksPanel
 from rona_ui.panels.roll.joints_graph import JointsPanel
-from rona_ui.panels.roll.roll import RollPanel
+from rona_ui.panels.roll.roll import ChecksPanel, RollPanel
 from rona_ui.panels.roll.roll_browser import RollsPanel
 from rona_ui.panels.scan.ascan import AScanPanel
-from rona_ui.panels.scan.force_graph import ForcePanel
-from rona_ui.panels.scan.scan import ScanPanel
+from rona_ui.panels.scan.scan import ForcePanel, ScanPanel
 from rona_ui.panels.setup.probe import ProbeComparisonPanel
 from rona_ui.panels.setup.setup import SetupPanel
 from rona_ui.panels.smoothing import SmoothingPanel

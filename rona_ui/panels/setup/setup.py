@@ -6,30 +6,123 @@ from pathlib import PurePath
 from typing import Any
 
 from rona_core.app.steps.setup.messages import (
+    MoveTracker,
     SetBoneModel,
     SetPointer,
     SetRegion,
     SetRobot,
     SetSeed,
+    SetTracker,
+    SetUseBaseMarker,
     SetWorld,
     StartSkullImport,
     UseSimulatedSkull,
 )
 from rona_core.app.steps.setup.robot_parameters import robot_figures
 from rona_core.devices.limits import limits_of
+from rona_core.devices.settings import TrackerSettings
 from rona_core.errors import InvalidInputError, RonaError
 from rona_core.session.document import Session
 from rona_ui.panels.setup.obstacles import WorkcellFields
 from rona_ui.panels.setup.probe import ProbeFields
-from rona_ui.panels.setup.region import RegionControls
-from rona_ui.panels.setup.tracker import TrackerFields
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Make, SettingsForm, Show
-from rona_ui.panels.widgets.panel_context import on_change
+from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
 from rona_ui.panels.widgets.step_panel import StepPanel
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import Event, escape
 from rona_ui.viewer.fields import read_number
+
+HELP = "Click the skull where the centre of the region is to be. Drag to rotate the view."
+
+
+class RegionControls:
+    """Buttons to pick the centre of the region, to leave that, and to take the program's again."""
+
+    def __init__(self, gui: Any, context: PanelContext) -> None:
+        self._context = context
+        self._radius_mm = 25.0
+        self.center_mesh_mm: tuple[float, float, float] | None = None
+        hint = "Place the scan region by a click on the skull"
+        self._pick = gui.add_button("Pick region", icon="target", color="gray", hint=hint)
+        self._help = gui.add_html("")
+        self._cancel = context.view_button(gui, "Cancel picking", "x", drawing=None, picks=())
+        self._reset = context.send_button(
+            gui, "Reset region", "restore", lambda: SetRegion(None, self._radius_mm)
+        )
+        on_click(self._pick, self._begin)
+
+    def _begin(self, event: Any) -> None:
+        self._context.set_view(drawing="region", picks=())
+
+    def render(self, new: Snapshot) -> None:
+        """Follow the session and what is being picked."""
+        region, picking = new.session.setup.region, new.view.drawing == "region"
+        self.center_mesh_mm, self._radius_mm = region.center_mesh_mm, region.radius_mm
+        self._pick.visible, self._cancel.visible = not picking, picking
+        self._reset.visible = not picking and region.center_mesh_mm is not None
+        self._pick.disabled = self._reset.disabled = new.busy
+        self._help.content = style.note(HELP) if picking else ""
+
+
+DETAILS = (
+    "stereo",
+    "depth_ratio",
+    "occlusion",
+    "latency_ms",
+    "dropped_share",
+    "phantom_share",
+    "drift_mm",
+    "minutes_on",
+)
+
+
+class TrackerFields:
+    """Profile, details and place of the tracker."""
+
+    def __init__(self, gui: Any, context: PanelContext) -> None:
+        self._gui, self._context = gui, context
+        self._tracker = SettingsForm(
+            gui,
+            context,
+            SetTracker,
+            lambda session: session.setup.devices.tracker,
+            "profile",
+            "rate_hz",
+            make=_message,
+            show=lambda held: {**asdict(held), "latency_ms": 1000.0 * held.latency_s},
+        )
+
+    def build_details(self) -> None:
+        """Add what makes the virtual tracker like a real one."""
+        self._tracker.add(*DETAILS)
+
+    def build_place(self) -> None:
+        """Add where the tracker stands, and whether it is found again once it has moved."""
+        self._place = SettingsForm(
+            self._gui,
+            self._context,
+            MoveTracker,
+            lambda session: session.setup.devices.tracker.place,
+        )
+        self._marker = SettingsForm(
+            self._gui, self._context, SetUseBaseMarker, lambda session: session.setup
+        )
+
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
+        """Follow the session."""
+        for form in (self._tracker, self._place, self._marker):
+            form.render(old, new)
+
+
+def _message(held: TrackerSettings, values: dict[str, Any]) -> SetTracker:
+    """Return the command of the rows; the latency of the profile is left to the profile."""
+    if values["profile"] != held.profile:
+        values["latency_ms"] = None
+    elif values["latency_ms"] == 1000.0 * held.latency_s:
+        values["latency_ms"] = held.latency_ms
+    return SetTracker(**values)
+
 
 FILES = ".nrrd,.nii,.gz,.stl,.ply,.obj"
 SIDES = limits_of(UseSimulatedSkull)["side"]["labels"]

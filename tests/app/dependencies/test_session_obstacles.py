@@ -28,7 +28,7 @@ from rona_core.robot.verification.tolerances import Tolerances
 from rona_core.robot.verification.verifier import verify_scan
 from rona_core.session.codec import digest
 from rona_core.session.document import Derived, Session, Setup
-from rona_ui.panels.roll.certificate import verdict
+from rona_ui.panels.roll.roll import verdict
 
 RX90 = robot_model("rx90")
 

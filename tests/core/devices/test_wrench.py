@@ -18,7 +18,7 @@ from rona_core.devices.wrench import (
     summarize,
 )
 from rona_core.session.document import Session
-from rona_ui.panels.scan.force_graph import FILLS, force_data, force_key, graph_axes
+from rona_ui.panels.scan.scan import FILLS, force_data, force_key, graph_axes
 
 LOAD = ToolLoad(1.0, np.zeros(3), np.zeros(6), 0.0, 0.0, 6)
 

@@ -15,8 +15,8 @@ from rona_core.app.steps.path.messages import MovePathPoint
 from rona_core.app.steps.scan.messages import StartProbeMountingCapture
 from rona_core.devices.live import LiveState
 from rona_core.session.document import Session
+from rona_ui.panels.layout.bars import GO_ON, RunBar
 from rona_ui.panels.layout.docks import STEP_PANELS
-from rona_ui.panels.layout.run_bar import GO_ON, RunBar
 from rona_ui.panels.widgets.panel_context import PanelContext
 from rona_ui.panels.widgets.step_panel import StepPanel
 from rona_ui.presentation.snapshot import Snapshot

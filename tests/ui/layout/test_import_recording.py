@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from rona_core.app.steps.recordings.messages import StartPivotImport, StartRecordingImport
-from rona_ui.panels.widgets.import_controls import ImportControls
+from rona_ui.panels.widgets.capture_controls import ImportControls
 from rona_ui.presentation.view_state import ViewState
 from tests.helpers.ui.fake_gui import FakeClient, FakeGui
 from tests.ui.panels.test_panels import Recorder, snapshot

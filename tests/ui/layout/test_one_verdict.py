@@ -17,9 +17,9 @@ from rona_core.devices.live import LiveState
 from rona_core.devices.samples import JointSample
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import Session
+from rona_ui.panels.layout.bars import GO_ON, RunBar, StepList, StepTitle
 from rona_ui.panels.layout.docks import STEP_PANELS
 from rona_ui.panels.layout.quality import QualityPanel
-from rona_ui.panels.layout.run_bar import GO_ON, RunBar, StepList, StepTitle
 from rona_ui.panels.maps.maps import MapsPanel
 from rona_ui.panels.pointer import PointerPanel
 from rona_ui.panels.scan.scan import ScanPanel

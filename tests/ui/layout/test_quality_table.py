@@ -13,8 +13,8 @@ from rona_core.app.runtime.handling import handle
 from rona_core.app.steps.setup.messages import SetSeed
 from rona_core.devices.live import LiveState
 from rona_core.session.document import Session
+from rona_ui.panels.layout.bars import StepList
 from rona_ui.panels.layout.quality import QualityPanel
-from rona_ui.panels.layout.run_bar import StepList
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.window.background_figures import BackgroundFigures

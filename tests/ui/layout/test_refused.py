@@ -9,9 +9,9 @@ from rona_core.app.dependencies.judge import step_states
 from rona_core.app.runtime.jobs import JobStatus
 from rona_core.devices.live import LiveState
 from rona_core.session.document import LogEntry, Session
+from rona_ui.panels.layout.bars import RunBar, left
 from rona_ui.panels.layout.docks import STEP_PANELS, TABS
-from rona_ui.panels.layout.refused import Refused
-from rona_ui.panels.layout.run_bar import RunBar, left
+from rona_ui.panels.layout.frames_and_log import Refused
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.refusals import Refusals

@@ -16,8 +16,7 @@ from rona_core.compose import new_workbench
 from rona_core.session.document import Session
 from rona_ui.panels.layout.quality import table
 from rona_ui.panels.pointer import PointerPanel
-from rona_ui.panels.tool.calibration import CalibrationPanel
-from rona_ui.panels.tool.calibration_images import HEIGHT, coverage_svg, residuals_svg
+from rona_ui.panels.tool.calibration import HEIGHT, CalibrationPanel, coverage_svg, residuals_svg
 from rona_ui.panels.tool.tool import CalibrationWords, words
 from rona_ui.presentation.view_state import ViewState
 from tests.helpers.ui.fake_gui import FakeGui

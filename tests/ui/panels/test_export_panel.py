@@ -7,7 +7,7 @@ from rona_core.app.steps.maps.export import EXPORTS
 from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.compose import new_workbench
 from rona_core.session.document import Session
-from rona_ui.panels.maps.export import ExportFolder
+from rona_ui.panels.maps.maps import ExportFolder
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.window.browser import Browser
 from tests.helpers.ui.fake_gui import FakeClient, FakeGui

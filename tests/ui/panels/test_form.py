@@ -19,14 +19,14 @@ PANELS = Path(rona_ui.panels.__file__).parent
 NUMBERS = {"add_number", "add_slider", "add_vector3"}
 # numbers of the page that are no fields of a message: file -> how many, and why
 OWN = {
-    "layout/replay_bar.py": (1, "position of the replay"),
+    "layout/bars.py": (1, "position of the replay"),
     "maps/comparison.py": (3, "threshold and points of a reference, sent with its file"),
     "maps/volume.py": (5, "what the scene shows of the volume"),
-    "path/path_points.py": (1, "number of the selected point"),
+    "path/smoothed_path.py": (1, "number of the selected point"),
     "roll/roll_browser.py": (1, "place along the path that is shown"),
-    "scan/manual_boundary.py": (1, "time along the record of the shown A-scan"),
+    "scan/ascan.py": (1, "time along the record of the shown A-scan"),
     "tool/calibration.py": (1, "number of poses from the selected one on"),
-    "widgets/image_slider.py": (1, "position along an image"),
+    "widgets/graphs.py": (1, "position along an image"),
 }
 LABELLED = [
     pytest.param(kind, name, words, id=f"{kind.__name__}.{name}")

@@ -21,17 +21,17 @@ from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.devices.live import LiveState
 from rona_core.devices.settings import TrackerPlace, TrackerSettings
 from rona_core.session.document import LogEntry, Session
+from rona_ui.panels.layout.bars import RunBar, StepList, StepTitle
 from rona_ui.panels.layout.docks import STEP_PANELS
 from rona_ui.panels.layout.frames_and_log import LogPanel
 from rona_ui.panels.layout.quality import QualityPanel
-from rona_ui.panels.layout.run_bar import RunBar, StepList, StepTitle
-from rona_ui.panels.maps.second_pass import second_pass_words as second_words
+from rona_ui.panels.maps.maps import second_pass_words as second_words
 from rona_ui.panels.pointer import PointerPanel
 from rona_ui.panels.roll.joints_graph import MOST_PLACES, joint_data, thinned
 from rona_ui.panels.scan.scan import ScanPanel
 from rona_ui.panels.setup.setup import SetupPanel
 from rona_ui.panels.tool.tool import ToolPanel
-from rona_ui.panels.widgets.drawing_controls import DrawingControls
+from rona_ui.panels.widgets.capture_controls import DrawingControls
 from rona_ui.panels.widgets.panel_context import PanelContext
 from rona_ui.presentation.drawn_strokes import without_mode
 from rona_ui.presentation.snapshot import Snapshot

@@ -28,11 +28,18 @@ from rona_core.app.steps.setup.clearance import clearance_violations, drawn_obst
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.verification.verifier import verify_scan
 from rona_core.session.document import Session
-from rona_ui.panels.roll.certificate import ChecksPanel
 from rona_ui.panels.roll.joints_graph import joint_data
-from rona_ui.panels.roll.roll import RollPanel
-from rona_ui.panels.roll.roll_browser import RollRanking, RollsPanel, bar, column_shown
-from rona_ui.panels.roll.roll_image import curve_lines, legend, roll_image, roll_picture
+from rona_ui.panels.roll.roll import ChecksPanel, RollPanel
+from rona_ui.panels.roll.roll_browser import (
+    RollRanking,
+    RollsPanel,
+    bar,
+    column_shown,
+    curve_lines,
+    legend,
+    roll_image,
+    roll_picture,
+)
 from rona_ui.presentation.camera import STEP_PRESETS
 from rona_ui.presentation.colors import GREEN, VERMILLION, css
 from rona_ui.presentation.shown import shown_joints

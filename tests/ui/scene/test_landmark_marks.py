@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rona_core.app.steps.scan.landmarks.view import LandmarkReport, LandmarkRow
-from rona_ui.panels.scan.landmarks import WORDS, landmark_note
+from rona_ui.panels.scan.scan import WORDS, landmark_note
 from rona_ui.scene.landmarks import ARM_MM, crosses
 
 ROWS = (

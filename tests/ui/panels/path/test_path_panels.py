@@ -34,9 +34,8 @@ from rona_core.geometry.mesh import Mesh
 from rona_core.path.zones import PaintedStroke
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
-from rona_ui.panels.path.painting import PaintingControls
-from rona_ui.panels.path.path import PathPanel, PatternControls
-from rona_ui.panels.path.path_graph import PathGraph, graph
+from rona_ui.panels.path.path import PaintingControls, PathPanel, PatternControls
+from rona_ui.panels.path.smoothed_path import PathGraph, graph
 from rona_ui.panels.smoothing import SmoothingPanel, warning_notes
 from rona_ui.panels.widgets.panel_context import PanelContext
 from rona_ui.presentation.colors import viridis

@@ -8,7 +8,7 @@ import pytest
 from rona_core.app.runtime.handling import handle
 from rona_core.app.steps.path.messages import DeletePathPoint, InsertPathPoint, MovePathPoint
 from rona_core.errors import DegenerateGeometryError
-from rona_ui.panels.path.path_points import PathPoints
+from rona_ui.panels.path.smoothed_path import PathPoints
 from rona_ui.presentation.camera import CameraPose
 from rona_ui.presentation.held_point import (
     corners_of,
