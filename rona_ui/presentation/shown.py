@@ -26,9 +26,10 @@ from rona_core.mapping.comparison.map_errors import MapErrors
 from rona_core.robot.kinematics.catalog import milling_robot, robot_model
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.session.document import Session
+from rona_core.ultrasound.probe.probe_model import probe_model
 from rona_ui.presentation.camera import STEP_PRESETS
 from rona_ui.presentation.snapshot import Snapshot
-from rona_ui.presentation.view_state import ViewState, VolumeView
+from rona_ui.presentation.view_state import PAINTING, ViewState, VolumeView
 
 AWAY_RAD = float(np.deg2rad(0.1))  # from home, of any joint
 # value at the end of the colour scale
@@ -277,3 +278,20 @@ def shown_preset(snapshot: Snapshot) -> str:
     if snapshot.pivoting_by_hand and snapshot.T_base_pointermarker is not None:
         return "Pointer"
     return STEP_PRESETS[snapshot.view.step]
+
+
+def footprint(snapshot: Snapshot) -> dict[str, Any] | None:
+    """Return its width (mm) and the place in ``base`` (mm) at whose distance it is meant.
+
+    None in modes that mean a point.
+    """
+    view, scene = snapshot.view, snapshot.static_scene
+    if scene is None:
+        return None
+    if view.drawing == "path":
+        radius_mm = probe_model(snapshot.session.setup.devices.probe).aperture_radius_mm
+    elif view.drawing in PAINTING:
+        radius_mm = view.brush_mm
+    else:
+        return None
+    return {"width_mm": 2.0 * radius_mm, "place_mm": scene.region_center_base.tolist()}

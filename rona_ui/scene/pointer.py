@@ -12,7 +12,7 @@ from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose
 from rona_core.session.memo import Memo
 from rona_ui.presentation.colors import ORANGE, STEEL
-from rona_ui.presentation.drawn_strokes import starts
+from rona_ui.presentation.mouse_input import starts
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.presentation.static_scene import StaticScene
 from rona_ui.scene.layer import Layer, lift

@@ -26,8 +26,7 @@ from rona_ui.presentation.camera import (
     about_pointer,
     camera_pose,
 )
-from rona_ui.presentation.drawn_strokes import STROKES, with_pick, without_mode
-from rona_ui.presentation.held_point import held_move, nudged
+from rona_ui.presentation.mouse_input import STROKES, held_move, nudged, with_pick, without_mode
 from rona_ui.presentation.shown import opening_view, shown_preset
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 from rona_ui.panels.implant.implant import BED_LAYERS
 from rona_ui.panels.maps.maps import MAP_NAMES
-from rona_ui.presentation.drawn_strokes import STROKES
+from rona_ui.presentation.mouse_input import STROKES
 from rona_ui.presentation.view_state import ViewState
 
 KEPT = 8  # pages

@@ -16,8 +16,8 @@ from rona_core.app.runtime.session_step import Redo, Undo
 from rona_core.errors import InvalidInputError
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change
 from rona_ui.presentation.camera import HEAD, ROOM, TABLE
-from rona_ui.presentation.footprint import footprint
-from rona_ui.presentation.held_point import NUDGES, held_point
+from rona_ui.presentation.mouse_input import NUDGES, held_point
+from rona_ui.presentation.shown import footprint
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.presentation.view_state import EDITS, LAYERS, MODES, NEEDED, CutDirection, ViewState
 from rona_ui.viewer.bindings import Event, escape

@@ -13,7 +13,7 @@ from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
 from rona_ui.presentation.colors import BLUE, css, viridis
-from rona_ui.presentation.held_point import corners_of, held_point, holding
+from rona_ui.presentation.mouse_input import corners_of, held_point, holding
 from rona_ui.presentation.shown import shown_path, shown_path_key
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.presentation.view_state import ViewState

@@ -7,7 +7,7 @@ from typing import Any, Literal
 from rona_core.app.steps.recordings.messages import StartPivotImport, StartRecordingImport
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext, on_click
-from rona_ui.presentation.drawn_strokes import (
+from rona_ui.presentation.mouse_input import (
     LIFTED,
     lifted,
     may_lift,

@@ -21,8 +21,7 @@ from rona_core.errors import InvalidInputError, RonaError
 from rona_core.geometry.arrays import Floats, Vector3
 from rona_core.session.document import Session
 from rona_ui.presentation.colors import PURPLE, SKY, YELLOW, Rgb
-from rona_ui.presentation.drawn_strokes import extended
-from rona_ui.presentation.held_point import corners_of, held_place, held_point, holding
+from rona_ui.presentation.mouse_input import corners_of, extended, held_place, held_point, holding
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.presentation.view_state import PAINTING, Point, ViewState
 from rona_ui.scene.layer import Layer, lift

@@ -33,7 +33,7 @@ from rona_ui.panels.setup.setup import SetupPanel
 from rona_ui.panels.tool.tool import ToolPanel
 from rona_ui.panels.widgets.capture_controls import DrawingControls
 from rona_ui.panels.widgets.panel_context import PanelContext
-from rona_ui.presentation.drawn_strokes import without_mode
+from rona_ui.presentation.mouse_input import without_mode
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import NEEDED, ViewState
 from rona_ui.refusals import Refusal

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from rona_core.app.steps.surface.messages import MAX_PICKS
-from rona_ui.presentation.drawn_strokes import (
+from rona_ui.presentation.mouse_input import (
     lifted,
     may_lift,
     n_strokes,

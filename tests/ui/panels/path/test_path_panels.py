@@ -39,7 +39,7 @@ from rona_ui.panels.path.smoothed_path import PathGraph, graph
 from rona_ui.panels.smoothing import SmoothingPanel, warning_notes
 from rona_ui.panels.widgets.panel_context import PanelContext
 from rona_ui.presentation.colors import viridis
-from rona_ui.presentation.held_point import holding
+from rona_ui.presentation.mouse_input import holding
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import Preview, ViewState
 from rona_ui.scene.path import path as scene_path

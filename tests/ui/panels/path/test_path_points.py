@@ -10,7 +10,7 @@ from rona_core.app.steps.path.messages import DeletePathPoint, InsertPathPoint, 
 from rona_core.errors import DegenerateGeometryError
 from rona_ui.panels.path.smoothed_path import PathPoints
 from rona_ui.presentation.camera import CameraPose
-from rona_ui.presentation.held_point import (
+from rona_ui.presentation.mouse_input import (
     corners_of,
     held_move,
     held_place,
