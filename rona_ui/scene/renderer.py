@@ -11,30 +11,39 @@ from rona_ui.scene.implant import (
     BedLayer,
     ChanceLayer,
     ImplantLayer,
+    MilledBoneLayer,
     MillingLayer,
     MovedBedLayer,
     UnmappedLayer,
 )
-from rona_ui.scene.landmarks import LandmarkLayer
 from rona_ui.scene.layer import Layer
 from rona_ui.scene.lights import light
-from rona_ui.scene.maps.growing_map import GrowingMapLayer
-from rona_ui.scene.maps.map_section import ProfileLayer
-from rona_ui.scene.maps.maps import MapLayer, ReferencesLayer, ScanLayer, SecondLayer
+from rona_ui.scene.maps.maps import (
+    GrowingMapLayer,
+    MapLayer,
+    ProfileLayer,
+    ReferencesLayer,
+    ScanLayer,
+    SecondLayer,
+)
 from rona_ui.scene.maps.volume import VolumeLayer
-from rona_ui.scene.milled_bone import MilledBoneLayer
-from rona_ui.scene.path.painting import PaintedLayer
-from rona_ui.scene.path.path import AxesLayer, PathLayer, WarningsLayer
-from rona_ui.scene.path.path_editing import EditLayer
-from rona_ui.scene.pointer import PIVOT_HANDLES, DrawingLayer, PivotHandlesLayer, PointerLayer
+from rona_ui.scene.path.path import AxesLayer, EditLayer, PaintedLayer, PathLayer, WarningsLayer
+from rona_ui.scene.pointer import (
+    PIVOT_HANDLES,
+    CloudLayer,
+    DrawingLayer,
+    LandmarkLayer,
+    PivotHandlesLayer,
+    PointerLayer,
+    RegionLayer,
+    RegisteredSkullLayer,
+    StrokeLayer,
+)
 from rona_ui.scene.roll import MarginsLayer, PlacesLayer, RollsLayer
-from rona_ui.scene.setup.labels import LabelsLayer
-from rona_ui.scene.setup.lines_of_sight import SightLayer
 from rona_ui.scene.setup.robot import ClearanceLayer, ObstaclesLayer, RobotLayer
 from rona_ui.scene.setup.room import RoomLayer
 from rona_ui.scene.setup.skull import NODE, HeadLayer, SkullLayer
-from rona_ui.scene.setup.tracker import TrackerLayer
-from rona_ui.scene.surface import CloudLayer, RegionLayer, RegisteredSkullLayer, StrokeLayer
+from rona_ui.scene.setup.tracker import LabelsLayer, SightLayer, TrackerLayer
 from rona_ui.scene.viser_nodes import M_PER_MM, SceneNodes
 
 FLOOR_MM = -420.0  # the robot stands on a pedestal of about its base's height

@@ -30,7 +30,7 @@ from rona_ui.presentation.mouse_input import STROKES, held_move, nudged, with_pi
 from rona_ui.presentation.shown import opening_view, shown_preset
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState
-from rona_ui.scene.path.path_editing import point_at
+from rona_ui.scene.path.path import point_at
 from rona_ui.scene.pointer import handle_rotation
 from rona_ui.scene.renderer import SceneRenderer
 from rona_ui.scene.viser_nodes import M_PER_MM, metres

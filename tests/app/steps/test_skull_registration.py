@@ -26,7 +26,7 @@ from rona_core.session.files import session_bytes, session_from_bytes
 from rona_core.session.specimen import SimulatedSkull
 from rona_core.virtual.specimen.build_specimen import build_specimen
 from rona_ui.panels.surface import registered as words_of
-from rona_ui.scene.surface import contours
+from rona_ui.scene.pointer import contours
 from tests.helpers.derived import derived
 from tests.helpers.sphere_world import boundary_meshes
 

@@ -13,8 +13,17 @@ from rona_core.session.document import Session
 from rona_ui.panels.layout.bars import milling_words
 from rona_ui.presentation.shown import replay_duration_s, shown_joints, shown_robot
 from rona_ui.presentation.view_state import ViewState
-from rona_ui.scene.implant import IMPLANT, POCKET, BedLayer, ImplantLayer
-from rona_ui.scene.milled_bone import AROUND, MILLED, WHOLE, MilledBoneLayer, around_bed
+from rona_ui.scene.implant import (
+    AROUND,
+    IMPLANT,
+    MILLED,
+    POCKET,
+    WHOLE,
+    BedLayer,
+    ImplantLayer,
+    MilledBoneLayer,
+    around_bed,
+)
 from tests.ui.implant.test_implant_layers import drawn, looked_at
 
 STEP = ViewState(step="implant", hidden=frozenset())

@@ -16,7 +16,7 @@ from rona_core.session.document import Session
 from rona_ui.panels.maps.comparison import ComparisonFolder, comparison_message
 from rona_ui.presentation.shown import opens_window
 from rona_ui.presentation.view_state import ViewState
-from rona_ui.scene.path.path_editing import point_at
+from rona_ui.scene.path.path import point_at
 from rona_ui.window.browser import COMPARE
 from tests.helpers.ui.fake_gui import FakeClient, FakeGui
 from tests.scenes import demo_parts

@@ -20,8 +20,7 @@ from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.static_scene import StaticScene
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.cut_plane import Plane, crossings, cut, cut_plane, lengthwise
-from rona_ui.scene.maps.map_section import BAND, INNER, OUTER, ProfileLayer, band, profile
-from rona_ui.scene.maps.maps import MapLayer
+from rona_ui.scene.maps.maps import BAND, INNER, OUTER, MapLayer, ProfileLayer, band, profile
 from rona_ui.scene.setup.skull import NODE, RIM, RIM_MM, SkullLayer, with_window
 from tests.helpers.strategies import random_pose, seeds, unit_vectors
 from tests.scenes import demo_parts

@@ -11,7 +11,7 @@ from rona_core.devices.live import LiveState
 from rona_core.session.document import Session
 from rona_ui.panels.scan.scan import growing_bar
 from rona_ui.presentation.view_state import ViewState
-from rona_ui.scene.maps.growing_map import NODE, GrowingMapLayer
+from rona_ui.scene.maps.maps import NODE, GrowingMapLayer
 from rona_ui.window.background_growth import BackgroundGrowth
 from tests.app.maps.test_growing_map import so_far
 from tests.ui.panels.test_panels import snapshot

@@ -5,7 +5,7 @@ import pytest
 
 from rona_core.app.steps.scan.landmarks.view import LandmarkReport, LandmarkRow
 from rona_ui.panels.scan.scan import WORDS, landmark_note
-from rona_ui.scene.landmarks import ARM_MM, crosses
+from rona_ui.scene.pointer import ARM_MM, crosses
 
 ROWS = (
     LandmarkRow("near left", (510.0, 230.0, 350.0), (511.0, 230.0, 350.0), 1.0, 0.33, 0.99),

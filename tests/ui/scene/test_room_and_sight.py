@@ -23,12 +23,9 @@ from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.static_scene import StaticScene, read_static_scene
 from rona_ui.presentation.view_state import LAYERS, NEEDED, ViewState
 from rona_ui.scene.renderer import FLOOR_MM
-from rona_ui.scene.setup.head_fixture import tube
-from rona_ui.scene.setup.labels import LabelsLayer
-from rona_ui.scene.setup.lines_of_sight import HIDDEN, SEEN, SightLayer
-from rona_ui.scene.setup.room import NAMES, RoomLayer
+from rona_ui.scene.setup.room import NAMES, RoomLayer, tube
 from rona_ui.scene.setup.skull import FACE, NODE, SUTURES, HeadLayer, SkullLayer
-from rona_ui.scene.setup.tracker import outline
+from rona_ui.scene.setup.tracker import HIDDEN, SEEN, LabelsLayer, SightLayer, outline
 
 
 class Nodes:

@@ -9,8 +9,16 @@ from rona_core.geometry.mesh import Mesh
 from rona_ui.presentation.colors import SKY, STEEL
 from rona_ui.presentation.static_scene import StaticScene
 from rona_ui.presentation.view_state import ViewState
-from rona_ui.scene.pointer import LINE, PICKS, DrawingLayer, over_skull
-from rona_ui.scene.surface import CLOUD, STROKE, CloudLayer, StrokeLayer
+from rona_ui.scene.pointer import (
+    CLOUD,
+    LINE,
+    PICKS,
+    STROKE,
+    CloudLayer,
+    DrawingLayer,
+    StrokeLayer,
+    over_skull,
+)
 from tests.ui.panels.test_panels import snapshot
 from tests.ui.scene.test_volume import Nodes
 

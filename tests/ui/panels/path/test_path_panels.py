@@ -43,8 +43,7 @@ from rona_ui.presentation.mouse_input import holding
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import Preview, ViewState
 from rona_ui.scene.path import path as scene_path
-from rona_ui.scene.path.painting import footprint
-from rona_ui.scene.path.path_editing import EditLayer, point_at
+from rona_ui.scene.path.path import EditLayer, footprint, point_at
 from rona_ui.scene.viser_nodes import DOTS_MM, SHADES, SceneNodes, dots_along, shades
 from tests.helpers.ui.fake_gui import FakeClient, FakeGui
 

@@ -19,7 +19,7 @@ from rona_ui.presentation.mouse_input import (
     nudged,
 )
 from rona_ui.presentation.view_state import ViewState
-from rona_ui.scene.path.path_editing import point_at
+from rona_ui.scene.path.path import point_at
 from tests.helpers.ui.fake_gui import FakeGui
 from tests.ui.panels.test_panels import CLIENT, Recorder, snapshot
 
