@@ -1,8 +1,13 @@
-"""Browser: docks, scene and view of one client."""
+"""Browser: docks, scene and view of one client.
+
+Kept views: how each page last looked at its session, for when it connects anew. A page is drawn by
+a new `Browser` whenever it was loaded anew, or its connection was lost; the name that it gives
+itself (``static/page/link.js``) stays.
+"""
 
 import threading
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import PurePath
 from typing import Any, get_args
 
@@ -15,8 +20,10 @@ from rona_core.app.steps.setup.messages import SetRegion
 from rona_core.errors import NotFoundError, RonaError
 from rona_core.geometry.arrays import Floats
 from rona_core.mapping.comparison.reference_bone import Registration
+from rona_ui.panels.implant.implant import BED_LAYERS
 from rona_ui.panels.layout.docks import Docks
 from rona_ui.panels.maps.comparison import comparison_message
+from rona_ui.panels.maps.maps import MAP_NAMES
 from rona_ui.panels.widgets.panel_context import PanelContext
 from rona_ui.presentation.camera import (
     FOV_RAD,
@@ -36,7 +43,74 @@ from rona_ui.scene.renderer import SceneRenderer
 from rona_ui.scene.viser_nodes import M_PER_MM, metres
 from rona_ui.viewer.bindings import Bindings, Event, notify
 from rona_ui.viewer.fields import Fields
-from rona_ui.window.kept_views import KeptViews, resumed_view
+
+KEPT = 8  # pages
+WITH_FIELDS = MAP_NAMES | BED_LAYERS  # layers that panels have a field for, which begins anew
+
+
+@dataclass(frozen=True, slots=True)
+class _Held:
+    client_id: int
+    session_id: str
+    view: ViewState
+
+
+class KeptViews:
+    """The last views of pages by their names, those of the latest pages only."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._held: dict[str, _Held] = {}
+
+    def keep(self, page: str, client_id: int, session_id: str, view: ViewState) -> None:
+        """Keep the view that a page has of a session, in place of an earlier one.
+
+        Of an earlier connection of the page, which may not know yet that it is lost, nothing is
+        kept any more; connections are numbered in the order they came.
+        """
+        with self._lock:
+            held = self._held.get(page)
+            if held is not None and held.client_id > client_id:
+                return
+            self._held.pop(page, None)
+            self._held[page] = _Held(client_id, session_id, resumed_view(ViewState(), view))
+            while len(self._held) > KEPT:
+                del self._held[next(iter(self._held))]
+
+    def of(self, page: str, session_id: str) -> ViewState | None:
+        """Return the view that a page had; None if it is unknown, or last showed another session.
+
+        Only what `resumed_view` takes of it is there.
+        """
+        with self._lock:
+            held = self._held.get(page)
+        return None if held is None or held.session_id != session_id else held.view
+
+
+def resumed_view(opened: ViewState, kept: ViewState) -> ViewState:
+    """Return the view that a page goes on with.
+
+    Step, layers, cut and the strokes that are being drawn are as they were; strokes that were sent
+    are not, or they would be recorded twice. Everything else has fields in the docks, which begin
+    anew.
+
+    Args:
+        opened: The view that its session opens with.
+        kept: The view that the page had.
+    """
+    view = replace(
+        opened,
+        step=kept.step,
+        all_layers=kept.all_layers,
+        hidden=(kept.hidden - WITH_FIELDS) | (opened.hidden & WITH_FIELDS),
+        cut_direction=kept.cut_direction,
+        cut_offset_mm=kept.cut_offset_mm,
+        cut_maps=kept.cut_maps,
+    )
+    if kept.drawing not in STROKES:
+        return view
+    return replace(view, drawing=kept.drawing, picks=kept.picks, lifts=kept.lifts)
+
 
 NEAR_M, FAR_M = 0.01, 20.0
 COMPARE: dict[str, Registration] = {

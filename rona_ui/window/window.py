@@ -30,11 +30,8 @@ from rona_ui.presentation.view_state import ViewState
 from rona_ui.refusals import Refusals
 from rona_ui.viewer.bindings import TITLES, Bindings, notify
 from rona_ui.viewer.theme import set_theme
-from rona_ui.window.background_figures import BackgroundFigures
-from rona_ui.window.background_growth import BackgroundGrowth
-from rona_ui.window.browser import Browser
-from rona_ui.window.kept_views import KeptViews
-from rona_ui.window.stroke_growth import StrokeGrowth
+from rona_ui.window.background import BackgroundFigures, BackgroundGrowth, StrokeGrowth
+from rona_ui.window.browser import Browser, KeptViews
 
 TICK_S = 1.0 / 30.0  # while something moves
 PASSES: dict[str, Pass] = {"StartScan": "first", "StartGapScan": "second"}

@@ -31,7 +31,7 @@ from rona_core.session.document import Session
 from rona_ui.panels.implant.implant import NO_CHANCE, ImplantPanel
 from rona_ui.presentation.shown import opens_window
 from rona_ui.presentation.view_state import ViewState
-from rona_ui.window.background_figures import milling_of
+from rona_ui.window.background import milling_of
 from rona_ui.window.browser import Browser
 from tests.helpers.ui.beds import bed_only, laid_astray
 from tests.helpers.ui.fake_gui import FakeGui

@@ -17,7 +17,7 @@ from rona_ui.panels.layout.bars import StepList
 from rona_ui.panels.layout.quality import QualityPanel
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState
-from rona_ui.window.background_figures import BackgroundFigures
+from rona_ui.window.background import BackgroundFigures
 from tests.helpers.ui.fake_gui import FakeGui
 from tests.ui.layout.test_one_verdict import NOTHING
 
@@ -123,9 +123,9 @@ def test_computing_lasts_until_the_figures_are_there_or_cannot_be(
         if fails:
             raise ZeroDivisionError("a defect")
 
-    monkeypatch.setattr("rona_ui.window.background_figures.read_static_scene", scene)
-    monkeypatch.setattr("rona_ui.window.background_figures._beside_truth", lambda _: None)
-    monkeypatch.setattr("rona_ui.window.background_figures.traceback.print_exc", lambda **_: None)
+    monkeypatch.setattr("rona_ui.window.background.read_static_scene", scene)
+    monkeypatch.setattr("rona_ui.window.background._beside_truth", lambda _: None)
+    monkeypatch.setattr("rona_ui.window.background.traceback.print_exc", lambda **_: None)
     woken = threading.Event()
     background, bench = BackgroundFigures(woken.set), SlowBench(demo)
     try:

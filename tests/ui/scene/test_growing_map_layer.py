@@ -12,7 +12,7 @@ from rona_core.session.document import Session
 from rona_ui.panels.scan.scan import growing_bar
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.maps.maps import NODE, GrowingMapLayer
-from rona_ui.window.background_growth import BackgroundGrowth
+from rona_ui.window.background import BackgroundGrowth
 from tests.app.maps.test_growing_map import so_far
 from tests.ui.panels.test_panels import snapshot
 from tests.ui.scene.test_volume import Nodes

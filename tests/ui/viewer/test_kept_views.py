@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from rona_ui.presentation.view_state import ViewState
-from rona_ui.window.kept_views import KEPT, KeptViews, resumed_view
+from rona_ui.window.browser import KEPT, KeptViews, resumed_view
 
 PICKS = ((1.0, 0.0, 0.0), (2.0, 0.0, 0.0))
 

@@ -1,4 +1,4 @@
-"""Background computation of the devices' static scene and the quality figures."""
+"""Background computation of what a drawing thread must not wait for."""
 
 import sys
 import threading
@@ -11,9 +11,12 @@ from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.implant.bed_milling import MillingView
 from rona_core.app.steps.implant.view import milling_view
 from rona_core.app.steps.maps.comparison import MapComparison, compare_with_truth
-from rona_core.devices.live import live_tracker_of
+from rona_core.app.steps.maps.growing_map import GrowingMap, MapGrower, Pass
+from rona_core.app.steps.surface.growing_stroke import StrokeGrower
+from rona_core.devices.live import LiveState, RecordedSoFar, live_tracker_of
 from rona_core.devices.samples import TrackerFrame
 from rona_core.errors import RonaError
+from rona_core.geometry.arrays import Floats
 from rona_core.session.document import Session
 from rona_ui.presentation.static_scene import StaticScene, read_static_scene, static_scene_key
 
@@ -140,3 +143,81 @@ def _beside_truth(bench: Workbench) -> MapComparison | None:
         return compare_with_truth(bench.session, bench.map_errors())
     except RonaError:
         return None
+
+
+PERIOD_S = 0.5  # at least, between two maps: the scan goes on in the same program
+Wish = tuple[Session, Pass, int, RecordedSoFar]
+
+
+class BackgroundGrowth:
+    """Grows the map of the scan under way in a thread of its own, the newest wish only."""
+
+    def __init__(self, wake: Callable[[], None]) -> None:
+        self._wake = wake
+        self._ready = threading.Condition()
+        self._asked: RecordedSoFar | None = None  # A-scans are let go when the scan has ended
+        self._wish: Wish | None = None
+        self._grown: tuple[str, GrowingMap] | None = None  # with the id of its session
+        self._grower: tuple[tuple[str, int], MapGrower] | None = None
+        self._open = True
+        threading.Thread(target=self._run, name="rona-growth", daemon=True).start()
+
+    def ask(self, session: Session, live: LiveState, which: Pass | None) -> GrowingMap | None:
+        """Return the newest map, and have it brought up to date while a pass is scanned."""
+        recorded = None if which is None else live.recorded
+        with self._ready:
+            if which is not None and recorded is not None and recorded is not self._asked:
+                self._wish = session, which, live.ordinal, recorded
+                self._ready.notify()
+            self._asked = recorded
+            grown = self._grown
+        return grown[1] if grown is not None and grown[0] == session.id else None
+
+    def close(self) -> None:
+        """End the thread."""
+        with self._ready:
+            self._open = False
+            self._ready.notify()
+
+    def _run(self) -> None:
+        while True:
+            with self._ready:
+                self._ready.wait_for(lambda: not self._open or self._wish is not None)
+                wish, self._wish = self._wish, None
+            if not self._open or wish is None:
+                return
+            try:
+                self._grow(*wish)
+            except RonaError:
+                pass  # a path along a line has no map: reported when it is mapped
+            except Exception:  # a defect must not end the thread
+                traceback.print_exc(file=sys.stderr)
+            del wish
+            with self._ready:
+                self._ready.wait_for(lambda: not self._open, PERIOD_S)
+
+    def _grow(self, session: Session, which: Pass, ordinal: int, recorded: RecordedSoFar) -> None:
+        key = session.id, ordinal
+        if self._grower is None or self._grower[0] != key:
+            self._grower = key, MapGrower(session, which, ordinal)
+        grown = self._grower[1].grown(recorded)
+        with self._ready:
+            self._grown = session.id, grown
+        self._wake()
+
+
+class StrokeGrowth:
+    """Follows the strokes of the current session, one after the other."""
+
+    def __init__(self) -> None:
+        self._grower: tuple[tuple[str, int], StrokeGrower] | None = None
+
+    def ask(self, session: Session, live: LiveState) -> Floats | None:
+        """Return the tip (k, 3) in ``base`` so far; None while no stroke is recorded."""
+        if not live.frames:
+            self._grower = None
+            return None
+        key = session.id, live.ordinal
+        if self._grower is None or self._grower[0] != key:
+            self._grower = key, StrokeGrower(session)
+        return self._grower[1].grown(live.frames)
