@@ -9,12 +9,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from fastapi import APIRouter
 from fastapi.routing import APIRoute
 
 from rona_core.app.declarations.registry import REGISTRY
 from rona_ui.api.answers import LEAST_PACKED, LONGEST_ARRAY, PIECE, InPieces, plain
 from rona_ui.api.bodies import BodyRoute
-from rona_ui.api.routes import devices, events, files, jobs, results, sessions
+from rona_ui.api.routes import devices, events, files, jobs, procedure, results, sessions
 from rona_ui.server import PREFIX
 
 LARGEST_JSON = 1_000_000  # bytes, of any answer about the demo session
@@ -246,9 +247,9 @@ def test_a_stream_is_open_before_its_first_event():
 
 
 def test_every_route_answers_from_a_thread():
-    parts = (sessions, files, files, jobs, jobs, results, results, events)
-    parts += (devices, devices, devices, devices)
-    routers = [*(part.router for part in parts), sessions.files]
+    parts = (sessions, files, jobs, results, procedure, devices, events)
+    values = [value for part in parts for value in vars(part).values()]
+    routers = [value for value in values if isinstance(value, APIRouter)]
     routers += [jobs.declared_commands(), jobs.declared_jobs()]
     routes = [route for router in routers for route in router.routes]
     assert len(routes) > 100
