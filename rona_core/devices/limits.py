@@ -26,6 +26,7 @@ OF_PEOPLE = ("label", "unit", "hint", "step", "labels", "offered", "none", "perc
 OUR_OWN = (*OF_PEOPLE, "above", "rule")
 WORDS = frozenset((*OF_NUMBERS, *OF_LISTS, INNER, *OF_TEXTS, *OUR_OWN))
 LIMITS = "limits"  # under which the words are in the metadata of a field
+BEFORE = "before"  # likewise, the value that the field has in session files without it
 ROW = (0, 999_999)  # least and largest number of a thing that is counted from 0
 PLACE_MM = (-1e5, 1e5)  # of a coordinate: 100 m, so that nothing overflows
 
@@ -49,11 +50,12 @@ def require_unit(name: str, wxyz: Sequence[float]) -> None:
     require(abs(length - 1.0) <= 1e-3, f"{name} must have length 1, not {length:.4g}")
 
 
-def limited(default: Any = MISSING, **words: Any) -> Any:
+def limited(default: Any = MISSING, *, before: Any = MISSING, **words: Any) -> Any:
     """Declare a field of a frozen dataclass with what it may hold.
 
     Args:
         default: Of the field; without it a value must be given.
+        before: Value of the field in session files that were saved before it was added.
         words: Those of ``WORDS``.
 
     Raises:
@@ -61,7 +63,8 @@ def limited(default: Any = MISSING, **words: Any) -> Any:
     """
     if strange := words.keys() - WORDS:
         raise TypeError(f"a field has no {', '.join(sorted(strange))}: {', '.join(sorted(WORDS))}")
-    return field(default=default, metadata={LIMITS: words})
+    added = {} if before is MISSING else {BEFORE: before}
+    return field(default=default, metadata={LIMITS: words, **added})
 
 
 def number(
@@ -82,7 +85,8 @@ def number(
         minimum: Smallest value, of each number where the field has several.
         maximum: Largest value.
         step: From one value to the next in a form.
-        words: Further ones of ``WORDS``, as ``hint``: what it means, beyond its label.
+        words: Further ones of ``WORDS``, as ``hint``: what it means, beyond its label; and
+            ``before`` of ``limited``.
     """
     words = {"hint": "", "minimum": minimum, "maximum": maximum, "step": step, **words}
     return limited(default, label=label, unit=unit, **words)

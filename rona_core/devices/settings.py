@@ -1,5 +1,6 @@
 """Device settings: frozen values that a session holds and a device is given."""
 
+import math
 import unicodedata
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
@@ -228,7 +229,10 @@ class ProbeSettings:
         "Signal that is sent: a chirp is compressed afterwards, a pulse is not",
     )
     front_snr_db: float = number(
-        50.0, "SNR", "dB", 0.0, 90.0, 1.0, hint="Front echo peak over in-band RMS noise"
+        50.0, "SNR", "dB", 0.0, 90.0, 1.0, hint="Front echo over in-band RMS noise of one shot"
+    )
+    shots: int = number(
+        32, "Shots averaged", "", 1, 128, 1, hint="For an A-scan; 1000 in a second", before=1
     )
     pitch_mm: float = number(
         1.0, "Pitch", "mm", 0.2, 10.0, 0.1, hint="Distance between A-scans along the path"
@@ -268,6 +272,11 @@ class ProbeSettings:
 
     def __post_init__(self) -> None:
         require_limits(self)
+
+    @property
+    def averaged_snr_db(self) -> float:
+        """Front echo over the noise of an A-scan, whose shots have noise of their own each."""
+        return self.front_snr_db + 10.0 * math.log10(self.shots)
 
 
 @dataclass(frozen=True, slots=True)

@@ -42,6 +42,15 @@ class WorldSettings:
     outer_texture_mm: float | None = number(
         None, "Outer texture", "mm", 0.0, 0.3, 0.01, hint="RMS unevenness of the outer table"
     )
+    inner_relief_mm: float | None = number(
+        None, "Inner relief", "mm", 0.0, 0.3, 0.01, hint="RMS of the inner boundary", before=0.0
+    )
+    step_relief_mm: float | None = number(
+        None, "Step relief", "mm", 0.0, 0.6, 0.01, hint="RMS, outer table to diploe", before=0.0
+    )
+    relief_length_mm: float | None = number(
+        None, "Relief length", "mm", 2.0, 10.0, 0.5, hint="Correlation length of both", before=5.0
+    )
     gel_speed_mm_per_us: float | None = number(
         None, "Gel speed of sound", "mm/µs", 1.4, 1.7, 0.01, hint="Between probe and bone"
     )

@@ -19,6 +19,7 @@ from typing import Any, Literal, Protocol, Union
 import numpy as np
 from numpy.typing import NDArray
 
+from rona_core.devices.limits import BEFORE
 from rona_core.errors import SessionFormatError
 from rona_core.geometry.arrays import readonly
 from rona_core.session.memo import Memo
@@ -54,6 +55,7 @@ KINDS = "fiub"  # float, int, unsigned, bool: all that a session may hold
 STEP = 2.0**-15  # of a converter with 16 bits; coarser ones give multiples of it
 AT_ONCE = 64  # rows of an array that are packed together: all of them take much memory
 TYPE_KEY = "$type"
+MAY_BE_MISSING = {BEFORE, "omit_empty"}  # in the metadata of a field
 OMIT_EMPTY = {"omit_empty": True}  # metadata of a field that is left out while it is empty
 
 
@@ -96,9 +98,16 @@ def _encode_fields(value: Any, name: str, arrays: Arrays) -> dict[str, Any]:
         part = getattr(value, f.name)
         if f.metadata.get(FLATTEN):
             fields |= _encode_fields(part, name, arrays)
-        elif not f.metadata.get("omit_empty") or isinstance(part, np.ndarray) or part:
+        elif not _left_out(f, part):
             fields[f.name] = encode(part, f"{name}/{f.name}", arrays)
     return fields
+
+
+def _left_out(f: "dataclasses.Field[Any]", part: Any) -> bool:
+    """Return whether a field has the value that it is given where it is missing."""
+    if BEFORE in f.metadata:
+        return type(part) is type(f.metadata[BEFORE]) and part == f.metadata[BEFORE]
+    return bool(f.metadata.get("omit_empty")) and not isinstance(part, np.ndarray) and not part
 
 
 def _encode_array(array: NDArray[Any], name: str, arrays: Arrays) -> dict[str, Any]:
@@ -267,7 +276,7 @@ def _decode_dataclass(data: Any, hint: Any, arrays: Any, where: str) -> Any:
     _checked(isinstance(data, dict), data, target.__name__, where)
     _checked(_named(data) == target.__name__, _named(data), target.__name__, f"{where}/{TYPE_KEY}")
     bound = dict(zip(getattr(target, "__parameters__", ()), typing.get_args(hint), strict=False))
-    omitted = {f.name for f in dataclasses.fields(target) if f.metadata.get("omit_empty")}
+    omitted = {f.name for f in dataclasses.fields(target) if f.metadata.keys() & MAY_BE_MISSING}
     expected = stored_names(target)
     missing, extra = expected - omitted - data.keys(), data.keys() - expected - {TYPE_KEY}
     if missing or extra:
@@ -285,6 +294,9 @@ def _decode_fields(
     """Return a dataclass made of the fields of ``data`` that it has, flattened parts included."""
     parts = flattened(target)
     values = {
+        f.name: f.metadata[BEFORE] for f in dataclasses.fields(target) if BEFORE in f.metadata
+    }
+    values |= {
         name: _decode_fields(data, kind, {}, arrays, where)
         if name in parts
         else decode(data[name], bound.get(kind, kind), arrays, f"{where}/{name}")

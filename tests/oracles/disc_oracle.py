@@ -18,6 +18,8 @@ from rona_core.ultrasound.probe.materials import BRAIN, TABLE, Complexes, Materi
 from rona_core.ultrasound.probe.probe_model import PROBES, ProbeModel
 from rona_core.virtual.acoustics.layer_stack import BoneStack, LayerProfile
 from rona_core.virtual.acoustics.medium import Medium
+from rona_core.virtual.acoustics.probe import bent_share
+from rona_core.virtual.acoustics.spreading import Spreading
 from tests.oracles.kwave_cases import Comparison, envelope
 
 BONE = replace(TABLE, shear_mm_per_us=0.0)
@@ -53,7 +55,8 @@ def leaning(name: str, lean_deg: float) -> Echoes:
     x = beam.points_mm[:, 0]
     outer, through = GAP_MM + x * np.tan(lean), np.full(len(x), BONE_MM / np.cos(lean))
     angle = np.full(len(x), lean)
-    rays = _rays(probe, outer, through, angle, angle)
+    slope = np.vstack((np.tan(angle), 0.0 * angle))
+    rays = _rays(probe, outer, through, (angle, angle), (slope, slope))
     return _compared(probe, rays, _angular_spectrum(probe, beam.frequencies_mhz, float(lean)))
 
 
@@ -65,7 +68,10 @@ def curved(name: str, radius_mm: float) -> Echoes:
     inner_radius = radius_mm - BONE_MM
     outer = GAP_MM + _sag(r, radius_mm)
     through = GAP_MM + BONE_MM + _sag(r, inner_radius) - outer
-    rays = _rays(probe, outer, through, np.arcsin(r / radius_mm), np.arcsin(r / inner_radius))
+    angles = np.arcsin(r / radius_mm), np.arcsin(r / inner_radius)
+    away = beam.points_mm.T / r
+    slopes = np.tan(angles[0]) * away, np.tan(angles[1]) * away
+    rays = _rays(probe, outer, through, angles, slopes)
     f = beam.frequencies_mhz
     spectra = [_huygens(probe, float(one), radius_mm) for one in f]
     return _compared(probe, rays, np.array(spectra))
@@ -76,7 +82,11 @@ def _sag(r_mm: Floats, radius_mm: float) -> Floats:
 
 
 def _rays(
-    probe: ProbeModel, outer_mm: Floats, through_mm: Floats, outside: Floats, inside: Floats
+    probe: ProbeModel,
+    outer_mm: Floats,
+    through_mm: Floats,
+    angles: tuple[Floats, Floats],
+    slopes: tuple[Floats, Floats],
 ) -> Complexes:
     """Return the product's echo (f,) of a plate under the rays of the beam."""
     beam = probe_beam(probe)
@@ -90,7 +100,17 @@ def _rays(
         inner_roughness_mm=0.0,
         speckle=0.0,
     )
-    stack = BoneStack(probe.line, medium, beam.frequencies_mhz, film_mm=0.0, seed=0, exact=True)
+    stack = BoneStack(
+        probe.line,
+        medium,
+        beam.frequencies_mhz,
+        film_mm=0.0,
+        seed=0,
+        spreading=Spreading(probe, beam),
+        exact=True,
+    )
+    faster = BONE.speed_mm_per_us / probe.line.speed_mm_per_us
+    through_mm = through_mm * (1.0 + bent_share(*slopes, faster))
     profile = LayerProfile(
         outer_mm=outer_mm,
         table_mm=through_mm / 3.0,
@@ -98,8 +118,8 @@ def _rays(
         inner_table_mm=through_mm / 3.0,
         hit=outer_mm > -np.inf,
         entries_skull=np.zeros((len(outer_mm), 3)),
-        outer_angle_rad=outside,
-        inner_angle_rad=inside,
+        outer_angle_rad=angles[0],
+        inner_angle_rad=angles[1],
     )
     return np.asarray(stack.echo(beam.weights, profile), dtype=np.complex128)
 

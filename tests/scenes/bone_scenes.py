@@ -200,7 +200,7 @@ def _settings(
     """
     shape = None if nominal else DRAWN[int(random.integers(len(DRAWN)))]
     return ProbeSettings(
-        name=name, excitation=excitation, front_snr_db=front_snr_db, pulse_shape=shape
+        name=name, excitation=excitation, front_snr_db=front_snr_db, shots=1, pulse_shape=shape
     )
 
 

@@ -163,7 +163,7 @@ def surveyed(seed: int) -> Patient:
     """Return the A-scans of a patient of the realistic world, detected as in a session."""
     setup = _setup(seed)
     settings, world = setup.devices.probe, world_of(setup)
-    specimen = SimulatedSpecimen(seed, outer_texture_mm=world.outer_texture_mm)
+    specimen = SimulatedSpecimen(seed, relief=world.relief)
     scene = build_scene(seed, specimen, setup.devices, world)
     medium = bone_medium(world)
     standing, _ = standing_meander(

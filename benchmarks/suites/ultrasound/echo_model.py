@@ -27,8 +27,9 @@ L2, CORRELATION, FRONT_DB, FRONT_NS = 0.015, 0.99, 0.5, 31.0
 FASTEST, FAST_ERROR = 800.0, 0.001  # A-scans a second; share of the exact record
 OBLIQUE_DEG = 10.0
 FINER = "2.25mhz_tilt2"  # the field where mixed cells cost most
-LEANS_DEG, CURVED_MM = (0.0, 1.0, 2.0, 3.0, 4.0), 80.0
-BEYOND = ("lean 3 deg", "lean 4 deg")  # no bound is asked for there
+LEANS_DEG, CURVED_MM = (0.0, 2.0, 4.0, 5.0, 6.0, 8.0), 80.0
+BEYOND = ("lean 6 deg", "lean 8 deg")  # no bound is asked for there
+INNER_DB = 1.5
 BONES, ROUNDS = 40, 5
 
 
@@ -95,7 +96,13 @@ def against_no_rays() -> list[Metric]:
             metrics += [
                 Metric(f"front_level_db, {held}", abs(echoes.front_db), "dB", "lower", bound),
                 Metric(f"front_time_ns, {held}", abs(echoes.front_ns), "ns", "lower"),
-                Metric(f"inner_level_db, {held}", abs(echoes.inner_db), "dB", "lower"),
+                Metric(
+                    f"inner_level_db, {held}",
+                    abs(echoes.inner_db),
+                    "dB",
+                    "lower",
+                    INNER_DB if bound else None,
+                ),
                 Metric(f"inner_time_ns, {held}", abs(echoes.inner_ns), "ns", "lower"),
             ]
     return metrics

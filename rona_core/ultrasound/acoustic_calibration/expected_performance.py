@@ -87,7 +87,9 @@ def expected_performance(
 def expected_performances(settings: ProbeSettings) -> tuple[ExpectedPerformance, ...]:
     """Return those of each probe and excitation; what was edited counts for its own probe."""
     kinds: tuple[Excitation, ...] = ("pulse", "chirp")
-    unedited = ProbeSettings(front_snr_db=settings.front_snr_db, pitch_mm=settings.pitch_mm)
+    unedited = ProbeSettings(
+        front_snr_db=settings.front_snr_db, shots=settings.shots, pitch_mm=settings.pitch_mm
+    )
     return tuple(
         expected_performance(
             replace(settings if name == settings.name else unedited, name=name, excitation=kind)
@@ -102,7 +104,7 @@ def _at(settings: ProbeSettings, thickness_mm: Floats) -> tuple[Floats, Floats]:
     probe = probe_model(settings)
     template = block_template(probe, settings.excitation)
     band = probe.bandwidth * probe.centre_mhz / (probe.sampling_mhz / 2.0)
-    noise = FULL_SCALE_SHARE * 10.0 ** (-settings.front_snr_db / 20.0) / np.sqrt(band)
+    noise = FULL_SCALE_SHARE * 10.0 ** (-settings.averaged_snr_db / 20.0) / np.sqrt(band)
     echoes = bone_filter(template, nominal_bone(), thickness_mm)
     weights = np.full(len(template.frequencies_mhz), 1.0 / (GRID * noise**2))
     fisher = Fisher.of(echoes, weights, template.frequencies_mhz)
@@ -177,7 +179,7 @@ def sweep(
     for number, (name, excitation, snr_db, thickness_mm) in enumerate(cells):
         if cancel():
             raise CancelledError(f"the sweep was cancelled after {number} of {len(cells)} cells")
-        settings = ProbeSettings(name=name, excitation=excitation, front_snr_db=snr_db)
+        settings = ProbeSettings(name=name, excitation=excitation, front_snr_db=snr_db, shots=1)
         random = np.random.default_rng((seed, STREAM, number))
         rows.append(_cell(settings, record(settings, thickness_mm, grid.kind, grid.n, random)))
         progress((number + 1) / len(cells))

@@ -20,7 +20,7 @@ from rona_core.ultrasound.probe.materials import Complexes
 from rona_core.ultrasound.probe.probe_model import ProbeModel
 
 FACE_OVER_APERTURE = 1.25  # the line is wider than the crystal by this factor
-RING_RAYS = (8, 12, 16, 20, 24, 24)  # rays on each ring, inside out
+RING_RAYS = (6, 8, 10, 12, 14, 16, 18, 20)  # rays on each ring, inside out: 104
 WINDOW = 1280  # samples of the window that holds all echoes of one firing: 25.6 us
 SOURCE_RADII, SOURCE_ANGLES = 32, 96  # quadrature over the crystal
 

@@ -24,6 +24,7 @@ from rona_core.ultrasound.probe.probe_model import ProbeModel
 from rona_core.virtual.acoustics.layer_stack import BoneStack, LayerProfile, Phasors
 from rona_core.virtual.acoustics.layered_reflection import stack_reflection
 from rona_core.virtual.acoustics.medium import Medium
+from rona_core.virtual.acoustics.spreading import Spreading
 
 AIR_REFLECTION = -1.0
 
@@ -58,7 +59,13 @@ class EchoModel:
         self._beam = probe_beam(self._true)
         f = self._beam.frequencies_mhz
         self._stack = BoneStack(
-            self._true.line, medium, f, film_mm=medium.film_mm, seed=seed, exact=exact
+            self._true.line,
+            medium,
+            f,
+            film_mm=medium.film_mm,
+            seed=seed,
+            spreading=_spreading(self._true),
+            exact=exact,
         )
         self._weights: Phasors = self._beam.weights
         if not exact:
@@ -131,6 +138,11 @@ class EchoModel:
         response = np.fft.irfft(window, WINDOW)  # from start_us on; all echoes end inside it
         long = np.fft.rfft(response, GRID)
         return self.gain * np.fft.irfft(long * self._long, GRID)[..., : self._n]
+
+
+@lru_cache(maxsize=8)
+def _spreading(probe: ProbeModel) -> Spreading:
+    return Spreading(probe, probe_beam(probe))
 
 
 @lru_cache(maxsize=16)

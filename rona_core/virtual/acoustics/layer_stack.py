@@ -16,10 +16,11 @@ from rona_core.virtual.acoustics.layered_reflection import Boundary, ObliqueFact
 from rona_core.virtual.acoustics.medium import Medium
 from rona_core.virtual.acoustics.microstructure import (
     AXIAL_CELL_MM,
-    cells,
-    grains,
+    RMS,
     local_speed_factors,
+    texture,
 )
+from rona_core.virtual.acoustics.spreading import Spreading
 
 SPECKLE_CELLS = 54  # of diploe, 8 mm deep
 AT_ONCE = 4  # profiles that are worked on together: arrays of more leave the cache
@@ -135,6 +136,8 @@ class _Rays:
     passage: Phasors
     back: Phasors
     kept: Bools  # they meet the bone
+    to_step_mm: Floats  # means over the rays of a profile
+    to_inner_mm: Floats
 
     def part(self, rows: slice) -> "_Rays":
         return _Rays(*(getattr(self, field.name)[rows] for field in fields(self)))
@@ -151,6 +154,7 @@ class BoneStack:
         *,
         film_mm: float,
         seed: int,
+        spreading: Spreading | None = None,
         exact: bool = False,
     ) -> None:
         """Prepare everything that does not depend on the rays.
@@ -161,9 +165,11 @@ class BoneStack:
             frequencies_mhz: Shape (f,), above 0.
             film_mm: Gel that always remains between line and bone.
             seed: Which texture, and which local speeds.
+            spreading: Of the beam in the bone; None: it does not spread.
             exact: Count with 53 bits.
         """
         f, self.medium, self.film_mm, self.seed = frequencies_mhz, medium, film_mm, seed
+        self._spreading = spreading
         self._real = np.float64 if exact else np.float32
         number = np.complex128 if exact else np.complex64
         materials = (line, medium.gel, medium.table, medium.diploe)
@@ -178,7 +184,20 @@ class BoneStack:
         self._outer = edge(step(gel, table))
         self._into_diploe = edge(ramp(medium.table, medium.diploe, medium.ramp_mm, f))
         self._into_table = edge(ramp(medium.diploe, medium.table, medium.ramp_mm, f))
-        self._inner = step(table, medium.brain.impedance(f)).near.astype(number)
+        # roughness too fine to be a ray's own lowers what stays coherent (Eckart 1953)
+        fine = 2.0 * (1.0 - RMS**2)
+        outer2, inner2 = (r**2 for r in (medium.outer_roughness_mm, medium.inner_roughness_mm))
+        in_gel, in_bone = k[1].real, k[2].real
+        self._front_loss, passed, back = (
+            np.exp(-fine * square).astype(self._real)
+            for square in (
+                in_gel**2 * outer2,
+                (in_gel - in_bone) ** 2 * outer2,
+                in_bone**2 * inner2,
+            )
+        )
+        self._passed = self._outer.through * passed
+        self._inner = step(table, medium.brain.impedance(f)).near.astype(number) * back
         self._outside = ObliqueFactors(medium.gel, medium.table)
         self._inside = ObliqueFactors(medium.brain, medium.table)
         depth = (np.arange(SPECKLE_CELLS) + 0.5) * AXIAL_CELL_MM
@@ -221,15 +240,19 @@ class BoneStack:
         at_inner = np.concatenate(
             [none if (a := p.inner_angle_rad) is None else a for p in profiles]
         )
-        # neighbouring rays and A-scans meet the same cells
-        keys, cell = np.unique(cells(entries_skull, self.seed), return_inverse=True)
-        rough = grains(keys, 2)[cell] * (medium.outer_roughness_mm, medium.inner_roughness_mm)
+        n = len(none)
+        mean_step, mean_bone = (
+            np.repeat(lengths.reshape(-1, n).mean(axis=1), n)
+            for lengths in (table_mm, table_mm + diploe_mm + inner_mm)
+        )
+        count = SPECKLE_CELLS if medium.speckle > 0.0 else 0
+        fields = texture(entries_skull, self.seed, 2 + count)
+        rms_mm = medium.outer_roughness_mm, medium.inner_roughness_mm
+        rough: Floats = fields[:, :2].astype(np.float64) * rms_mm
+        grain = fields[:, 2:].astype(self._real)
         slow = 1.0 / local_speed_factors(entries_skull, self.seed, medium.local_speed_sd)
         diploe = slow * diploe_mm - medium.ramp_mm
-        grain = np.zeros((len(cell), 0), dtype=self._real)
-        if medium.speckle > 0.0:
-            grain = grains(keys ^ np.uint64(0x5EED), SPECKLE_CELLS).astype(self._real)[cell]
-            grain[self._depths > diploe[:, None]] = 0.0
+        grain[self._depths[:count] > diploe[:, None]] = 0.0
         half_ramp = medium.ramp_mm / 2.0
         outer = outer_mm + rough[:, 0]
         return _Rays(
@@ -243,24 +266,44 @@ class BoneStack:
             passage=self._outside.passage(at_outer).astype(self._number),
             back=self._inside.back(at_inner).astype(self._number),
             kept=np.concatenate([profile.hit for profile in profiles]) & (outer < GAP_LIMIT_MM),
+            to_step_mm=mean_step,
+            to_inner_mm=mean_bone,
         )
+
+    def _spread(self, rays: _Rays, count: int) -> tuple[Phasors, Phasors] | None:
+        """Return what the beam loses to the diploe, and further to the inner boundary (k n, f)."""
+        if self._spreading is None:
+            return None
+        rings, n = self._spreading.rings, len(rays.kept) // count
+        speed = self.medium.table.speed_mm_per_us
+        step, inner = (
+            self._spreading.at(way[::n], speed) for way in (rays.to_step_mm, rays.to_inner_mm)
+        )
+        parts = (part.astype(self._number)[:, rings] for part in (step, inner / step))
+        first, further = (part.reshape(count * n, -1) for part in parts)
+        return first, further
 
     def _echoes(self, weights: Phasors, rays: _Rays, count: int) -> Phasors:
         """Return the echoes (k, f) of k profiles under all their rays (k n)."""
         bone = self._inner * self._table(rays.inner_table_mm)
         bone *= rays.back[:, None]
+        spread = self._spread(rays, count)
+        if spread is not None:
+            bone *= spread[1]
         bone = self._into_table.seen_with(bone)
         bone *= self._diploe(rays.diploe_mm)
         if self.medium.speckle > 0.0:
             bone += (rays.grain @ self._speckle).view(self._number)
         bone = self._into_diploe.seen_with(bone)
+        if spread is not None:
+            bone *= spread[0]
         bone *= self._table(rays.table_mm)
         below = self._outer.far * bone
         np.subtract(1.0, below, out=below)
-        passed = self._outer.through * rays.passage[:, None]
+        passed = self._passed * rays.passage[:, None]
         passed *= bone
         bone = quotient(passed, below)
-        bone += self._outer.near * rays.front[:, None]
+        bone += self._outer.near * self._front_loss * rays.front[:, None]
         if not rays.kept.all():
             bone = bone * rays.kept.astype(self._real)[:, None]
         line = self._line(rays.outer_mm - rays.gel_mm)  # <= 0: the line gives way

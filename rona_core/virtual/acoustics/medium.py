@@ -30,7 +30,7 @@ class Medium:
     ``ramp_mm`` is the width over which table turns into diploe. A sharp step makes the
     table-diploe echo stronger than that of the inner boundary; real bone has 0.3 to 0.8 mm.
     Roughness is the rms deviation of a boundary from its smooth shape; ``speckle`` is the rms
-    reflectivity of one 0.15 mm cell of diploe. ``MEDIA`` has them by name.
+    reflectivity of one cell of diploe, 0.15 mm deep and 0.6 mm wide. ``MEDIA`` has them by name.
     """
 
     gel: Material = field(default=GEL)

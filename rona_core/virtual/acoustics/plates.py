@@ -11,11 +11,11 @@ from rona_core.errors import DeviceError
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.geometry.pose import Pose
 from rona_core.ultrasound.probe.materials import Material
-from rona_core.ultrasound.probe.probe_model import FULL_SCALE_SHARE, probe_model
+from rona_core.ultrasound.probe.probe_model import probe_model
 from rona_core.virtual.acoustics.echo_model import EchoModel
 from rona_core.virtual.acoustics.layer_stack import LayerProfile
 from rona_core.virtual.acoustics.medium import GEL, MEDIA, Medium
-from rona_core.virtual.acoustics.probe import VirtualProbe
+from rona_core.virtual.acoustics.probe import VirtualProbe, receiver_noise
 from rona_core.virtual.clock import CaptureClock
 from rona_core.virtual.noise import rng
 from rona_core.virtual.scene import VirtualScene
@@ -55,8 +55,7 @@ def record_plate(
     places = PITCH_MM * np.column_stack((column, row, np.zeros(n)))
     waves = 2.0 * np.pi / RELIEF_LENGTH_MM * random.normal(0.0, 1.0, (2, 8))
     phases = random.uniform(0.0, 2.0 * np.pi, 8)
-    band = probe.bandwidth * probe.centre_mhz / (probe.sampling_mhz / 2.0)
-    noise = FULL_SCALE_SHARE * 10.0 ** (-settings.front_snr_db / 20.0) / np.sqrt(band)
+    noise = receiver_noise(settings, probe)
     tilts = random.normal(0.0, TILT_RAD / np.sqrt(2.0), (n, 2))
     lifts = random.normal(0.0, LIFT_MM, n)
     scans, bone_us = [], np.zeros(n)

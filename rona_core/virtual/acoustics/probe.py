@@ -14,7 +14,7 @@ from rona_core.errors import DeviceError
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.geometry.pose import Poses
 from rona_core.ultrasound.probe.beam import FACE_OVER_APERTURE
-from rona_core.ultrasound.probe.probe_model import probe_model
+from rona_core.ultrasound.probe.probe_model import ProbeModel, probe_model
 from rona_core.virtual.acoustics.delay_line import LINE_N_PER_MM, SHEAR_N_PER_MM, TrueLine
 from rona_core.virtual.acoustics.echo_model import EchoModel
 from rona_core.virtual.acoustics.layer_stack import LayerProfile
@@ -22,11 +22,13 @@ from rona_core.virtual.acoustics.medium import Medium
 from rona_core.virtual.world.world import NOMINAL, World
 
 MOST_ANGLE_RAD = 0.5  # steeper places of a boundary count as this steep
+MOST_BENT = 0.2  # share by which bent waves have a longer way, at most
 RETREAT_MM = 12.0  # rays start this far before the face, which may lie inside the bone
 SLOPE_STEP_MM = 0.05  # between the places whose depths give a slope
 CAST_RINGS = 3  # hexagonal rings of cast rays: 37; the beam's rays are interpolated from them
 PROBE_STREAM = 0x9B0BE  # names the probe's share of the session's seed
 MICROSECONDS = 1e6
+REPEATED = 0.03  # share of a shot's noise that is locked to the clock, so that no average lowers it
 
 
 class Layered(Protocol):
@@ -94,10 +96,9 @@ class VirtualProbe:
         radius_mm = FACE_OVER_APERTURE * self._model.aperture_radius_mm
         self._cast_mm = hexagon(radius_mm, CAST_RINGS)
         self._rays = _Interpolation(self._cast_mm, self._echo.ray_points_mm)
-        # noise is white; its share in the -6 dB band has the rms that the setting asks for
-        band = self._model.bandwidth * self._model.centre_mhz / (self._model.sampling_mhz / 2.0)
-        in_band = self._model.front_share * 10.0 ** (-settings.front_snr_db / 20.0)
-        self._noise = in_band / np.sqrt(band)
+        self._noise = receiver_noise(settings, self._model)
+        medium = self._medium
+        self._bone_over_gel = medium.table.speed_mm_per_us / medium.gel.speed_mm_per_us
 
     def acquire(self) -> AScan:
         """Fire once, now, and return the trace.
@@ -199,15 +200,17 @@ class VirtualProbe:
             hit: Which cast rays (n, c) meet the bone.
         """
         outer, diploe, table, inner = np.moveaxis(self._rays.values @ depths_mm, 2, 0)
-        outer_rad, inner_rad = self._angles(self._rays.slopes[:, None] @ depths_mm[:, :, (0, 3)])
+        slopes = self._rays.slopes[:, None] @ depths_mm[:, :, (0, 3)]
+        outer_rad, inner_rad = self._angles(slopes)
+        longer = 1.0 + bent_share(slopes[..., 0], slopes[..., 1], self._bone_over_gel)
         on_face = np.broadcast_to(self._echo.ray_points_mm, (*outer.shape, 2))
         entries = np.concatenate((on_face, outer[:, :, None]), axis=2)
         turned = entries @ np.swapaxes(Ts_skull_probe.rotations, 1, 2)
         columns = (
             outer,
-            np.maximum(diploe - outer, 0.0),
-            np.maximum(table - diploe, 0.0),
-            np.maximum(inner - table, 0.0),
+            longer * np.maximum(diploe - outer, 0.0),
+            longer * np.maximum(table - diploe, 0.0),
+            longer * np.maximum(inner - table, 0.0),
             hit[:, self._rays.nearest],
             turned + Ts_skull_probe.translations[:, None],
             outer_rad,
@@ -221,11 +224,39 @@ class VirtualProbe:
         In the bone the wave travels as refraction sends it; for such small angles, these add.
         """
         outer, inner = slopes[..., 0], slopes[..., 1]
-        ratio = self._medium.table.speed_mm_per_us / self._medium.gel.speed_mm_per_us
-        at_inner = np.hypot(*(inner - outer + ratio * outer))
+        at_inner = np.hypot(*(inner - outer + self._bone_over_gel * outer))
         limit = np.tan(MOST_ANGLE_RAD)
         at_outer = np.hypot(*outer)
         return np.arctan(np.minimum(at_outer, limit)), np.arctan(np.minimum(at_inner, limit))
+
+
+def bent_share(outer: Floats, inner: Floats, bone_over_gel: float) -> Floats:
+    """Return by how much longer (...) the way through bone is for waves that it bends.
+
+    A wave along the axis goes on at (n - 1) s to it, where the outer boundary slopes by s, and n is
+    the ratio of speeds. It meets the inner boundary aside, and its phase there is that of the
+    axis to second order in the slopes.
+
+    Args:
+        outer: Slopes of the outer boundary (2, ...) across the axis.
+        inner: Slopes of the inner boundary (2, ...).
+        bone_over_gel: Ratio of speeds.
+    """
+    aside = (bone_over_gel - 1.0) * outer
+    share = np.sum(aside * (inner + aside) - 0.5 * aside**2, axis=0)
+    return np.clip(share, -MOST_BENT, MOST_BENT)
+
+
+def receiver_noise(settings: ProbeSettings, model: ProbeModel) -> float:
+    """Return the RMS of the white noise of an A-scan, over full scale.
+
+    Its share in the -6 dB band is as set for one shot, and falls with the root of the number of
+    shots that are averaged, down to what every shot repeats.
+    """
+    band = model.bandwidth * model.centre_mhz / (model.sampling_mhz / 2.0)
+    one = model.front_share * 10.0 ** (-settings.front_snr_db / 20.0) / np.sqrt(band)
+    new = 1.0 / settings.shots
+    return float(one * np.sqrt(new + REPEATED**2 * (1.0 - new)))
 
 
 def hexagon(radius_mm: float, rings: int) -> Floats:

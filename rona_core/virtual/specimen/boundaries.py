@@ -13,6 +13,19 @@ from rona_core.geometry.mesh import Mesh
 RADII_MM = (5.0, 60.0)  # smallest and largest region
 
 
+@dataclass(frozen=True, slots=True)
+class Relief:
+    """RMS unevenness of boundaries on top of their smooth shape, and its correlation length."""
+
+    outer_mm: float = 0.0  # of the outer boundary of a simulated skull
+    inner_mm: float = 0.0  # of the inner boundary of a simulated skull
+    step_mm: float = 0.0  # of the step from outer table to diploe
+    length_mm: float = 5.0  # of inner boundary and step: correlation exp(-d^2 / 2 L^2)
+
+
+SMOOTH = Relief()
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Region:
     """The disc that is scanned."""

@@ -7,8 +7,9 @@ from numpy.typing import ArrayLike
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import as_vector3
 from rona_core.session.specimen import LoadedSkull, SimulatedSkull
-from rona_core.virtual.specimen.boundaries import RADII_MM, Specimen
+from rona_core.virtual.specimen.boundaries import RADII_MM, SMOOTH, Relief, Specimen
 from rona_core.virtual.specimen.imported.imported_skull import LoadedSpecimen
+from rona_core.virtual.specimen.simulated.patient_sampling import step_relief
 from rona_core.virtual.specimen.simulated.simulated_skull import SimulatedSpecimen
 
 __all__ = ["Specimen", "build_specimen"]
@@ -20,7 +21,7 @@ def build_specimen(
     *,
     center_mesh_mm: ArrayLike | None = None,
     radius_mm: float = 25.0,
-    outer_texture_mm: float = 0.0,
+    relief: Relief = SMOOTH,
 ) -> Specimen:
     """Return the specimen of a session; the same arguments give the same one.
 
@@ -32,7 +33,8 @@ def build_specimen(
         center_mesh_mm: Centre of the region (3,) in ``skull``, on or near the outer surface. None:
             35 mm behind and 45 mm above the ear canal, or the stored region of a loaded skull.
         radius_mm: Radius of the region.
-        outer_texture_mm: RMS of the small unevenness of a simulated outer boundary.
+        relief: Unevenness of the boundaries, drawn from the seed. A loaded skull has its own,
+            but for the step from outer table to diploe, which no file shows.
 
     Raises:
         InvalidInputError: a centre off the bone, or outside what was stored of a loaded skull.
@@ -41,9 +43,9 @@ def build_specimen(
     if not low <= radius_mm <= high:
         raise InvalidInputError(f"radius_mm must be {low:g} to {high:g}, not {radius_mm}")
     if center_mesh_mm is None:
-        return _build(choice, seed, None, radius_mm, outer_texture_mm)
+        return _build(choice, seed, None, radius_mm, relief)
     x, y, z = (float(value) for value in as_vector3(center_mesh_mm, name="center_mesh_mm"))
-    return _build(choice, seed, (x, y, z), radius_mm, outer_texture_mm)
+    return _build(choice, seed, (x, y, z), radius_mm, relief)
 
 
 @lru_cache(maxsize=4)
@@ -52,8 +54,8 @@ def _build(
     seed: int,
     center: tuple[float, float, float] | None,
     radius_mm: float,
-    outer_texture_mm: float,
+    relief: Relief,
 ) -> Specimen:
     if isinstance(choice, SimulatedSkull):
-        return SimulatedSpecimen(seed, choice.side, center, radius_mm, outer_texture_mm)
-    return LoadedSpecimen(choice, center, radius_mm)
+        return SimulatedSpecimen(seed, choice.side, center, radius_mm, relief)
+    return LoadedSpecimen(choice, center, radius_mm, step_relief(seed, relief))

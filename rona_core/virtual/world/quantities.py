@@ -60,6 +60,9 @@ QUANTITIES: Mapping[str, Quantity] = {
     "bone_loss": Quantity(1.0, Normal(1.15, 0.22, 2.5), Uniform(1.3, 1.7)),
     "bone_speed": Quantity(1.0, Uniform(0.935, 1.065), Uniform(0.93, 0.96)),
     "outer_texture_mm": Quantity(0.0, Uniform(0.03, 0.15), Uniform(0.12, 0.2)),
+    "inner_relief_mm": Quantity(0.0, Uniform(0.05, 0.15), Uniform(0.15, 0.2)),
+    "step_relief_mm": Quantity(0.0, Uniform(0.15, 0.4), Uniform(0.4, 0.5)),
+    "relief_length_mm": Quantity(5.0, Uniform(2.0, 5.0), Uniform(2.0, 3.0)),
     # coupling
     "gel_speed_mm_per_us": Quantity(1.50, Normal(1.51, 0.02), Uniform(1.53, 1.58)),
     "film_mm": Quantity(0.10, Uniform(0.05, 0.25), Uniform(0.2, 0.4)),

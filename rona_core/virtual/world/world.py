@@ -11,6 +11,7 @@ from rona_core.geometry.arrays import Vector3, readonly
 from rona_core.geometry.pose import Pose
 from rona_core.session.specimen import BoneChoice, BoneKind
 from rona_core.virtual.noise import rng
+from rona_core.virtual.specimen.boundaries import Relief
 from rona_core.virtual.world.quantities import BONE_KINDS, QUANTITIES
 
 
@@ -26,6 +27,9 @@ class World:
     bone_loss: float
     bone_speed: float
     outer_texture_mm: float
+    inner_relief_mm: float
+    step_relief_mm: float
+    relief_length_mm: float
     gel_speed_mm_per_us: float
     film_mm: float
     friction: float
@@ -41,6 +45,13 @@ class World:
     head_drift_mm: float
     breathing_mm: float
     robot_joints: bool  # the robot errs by its joints and links, not by the place of its tip alone
+
+    @property
+    def relief(self) -> Relief:
+        """How uneven the boundaries of the bone are."""
+        return Relief(
+            self.outer_texture_mm, self.inner_relief_mm, self.step_relief_mm, self.relief_length_mm
+        )
 
     @property
     def clamping(self) -> Pose:

@@ -31,7 +31,7 @@ from rona_ui.panels.widgets.step_panel import JudgementNote
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.fields import read_number
 
-CHOICE = ("name", "excitation", "front_snr_db", "pitch_mm")
+CHOICE = ("name", "excitation", "front_snr_db", "shots", "pitch_mm")
 SHOWN_MM = (4.0, 6.0, 8.0, 10.0)  # thicknesses of the small table
 
 

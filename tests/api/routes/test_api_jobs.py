@@ -230,7 +230,16 @@ def test_stop_is_idempotent_and_changes_no_session(at):
                 "dropped_share": 0.2,
             },
         ),
-        ("probe", {"name": "1MHz", "excitation": "pulse", "front_snr_db": 40.0, "pitch_mm": 2.0}),
+        (
+            "probe",
+            {
+                "name": "1MHz",
+                "excitation": "pulse",
+                "front_snr_db": 40.0,
+                "shots": 8,
+                "pitch_mm": 2.0,
+            },
+        ),
         (
             "robot",
             {

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
+from rona_core.devices.limits import limited
 from rona_core.errors import SessionFormatError
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.pose import Pose, Poses
@@ -44,6 +45,23 @@ class Tree:
     several: tuple[Leaf, ...] = ()
     triple: tuple[float, float, float] = (0.0, 1.0, 2.0)
     plain: dict[str, object] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Grown:
+    old: float
+    shots: int = limited(32, before=1)
+    relief_mm: float | None = limited(None, before=0.0)
+
+
+def test_a_field_that_was_added_later_is_as_before_in_files_without_it_and_changes_no_digest():
+    stored = {"$type": "Grown", "old": 2.0}
+    found = decode(stored, Grown, {})
+    assert found == Grown(2.0, 1, 0.0)
+    assert encode(found, "", {}) == stored
+    for new in (Grown(2.0), Grown(2.0, 1), Grown(2.0, 32, 0.0)):
+        assert decode(encode(new, "", {}), Grown, {}) == new
+        assert digest(new) != digest(found)
 
 
 def leaf(n: int = 7) -> Leaf:

@@ -1,11 +1,13 @@
 """Parts of the set-up that results take and captures depend on."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import fields, replace
 
 from rona_core.app.declarations.inputs import Input
 from rona_core.app.dependencies.staleness import session_obstacles
+from rona_core.devices.limits import BEFORE
 from rona_core.devices.settings import ROOM_C, ProbeSettings, TrackerSettings
+from rona_core.devices.world_settings import WorldSettings
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
 
@@ -49,6 +51,7 @@ Part = Callable[[Session], list[object]]
 # quantities of the world that an echo depends on: off a steel block, and of bone
 LINE = ("gel_speed_mm_per_us", "film_mm", "line_excess_k", "line_drift_k", "pulse_loss")
 BONE = ("bone_loss", "bone_speed", "line_strain_share")
+RELIEF = ("inner_relief_mm", "step_relief_mm", "relief_length_mm")
 PLAIN = TrackerSettings(stereo=False, occlusion=False)  # the tracker of sessions of schema 1
 
 
@@ -80,7 +83,7 @@ def pointer(session: Session) -> list[object]:
 def specimen(session: Session) -> list[object]:
     """Return the specimen and the region on it."""
     chosen = [digest(session.setup.specimen), digest(session.setup.region)]
-    return [*chosen, *world("outer_texture_mm")(session)]
+    return [*chosen, *world("outer_texture_mm")(session), *world(*RELIEF)(session)]
 
 
 def bone_and_probe(session: Session) -> list[object]:
@@ -102,11 +105,15 @@ def contact(session: Session) -> list[object]:
 
 
 def world(*names: str) -> Part:
-    """Return what is set of these quantities of the world; nothing where all are drawn."""
+    """Return what is set of these quantities of the world; nothing where all are drawn.
+
+    Of those that were added later, nothing where they are as in sessions before that.
+    """
+    before = {part.name: part.metadata.get(BEFORE) for part in fields(WorldSettings)}
 
     def part(session: Session) -> list[object]:
         values = [getattr(session.setup.world, name) for name in names]
-        return [] if values == [None] * len(names) else [digest(values)]
+        return [] if values == [before[name] for name in names] else [digest(values)]
 
     return part
 

@@ -21,7 +21,12 @@ from rona_core.session.specimen import LoadedSkull
 from rona_core.virtual.specimen.boundaries import Region, as_rays
 from rona_core.virtual.specimen.bsplines import SplineVolume
 from rona_core.virtual.specimen.imported.region_choice import GAP_MM
-from rona_core.virtual.specimen.simulated.layer_radii import diploe_share, layer_depths
+from rona_core.virtual.specimen.simulated.layer_radii import (
+    diploe_share,
+    layer_depths,
+    move_step,
+)
+from rona_core.virtual.specimen.simulated.spherical_fields import HEAD_MM, Waves
 from rona_core.virtual.specimen.sphere_tracing import first_entries
 
 STEEPNESS = 1.1  # how fast a smoothed distance may change for each millimetre
@@ -144,9 +149,13 @@ class LoadedSpecimen:
     """A loaded skull; see ``boundaries.Specimen`` for what each method means."""
 
     def __init__(
-        self, skull: LoadedSkull, center_skull: ArrayLike | None = None, radius_mm: float = 25.0
+        self,
+        skull: LoadedSkull,
+        center_skull: ArrayLike | None = None,
+        radius_mm: float = 25.0,
+        step: tuple[Waves, ...] = (),
     ) -> None:
-        self._skull = skull
+        self._skull, self._step = skull, step
         self._field = BoneField(skull)
         self._tree: tuple[KDTree, Floats] | None = None
         self.region = self._region(skull, center_skull, radius_mm)
@@ -228,6 +237,8 @@ class LoadedSpecimen:
         distances[:, 0] = outer
         thickness = inner[whole] - outer[whole]
         depths = layer_depths(thickness, diploe_share(thickness))
+        entries = (o[whole] + outer[whole, None] * d[whole]) / HEAD_MM
+        move_step(depths, sum((field.value(entries) for field in self._step), 0.0))
         distances[whole] = outer[whole, None] + depths
         return distances
 

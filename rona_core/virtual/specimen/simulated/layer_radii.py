@@ -23,6 +23,7 @@ DIPLOE_SHARE = (0.30, 0.50)  # of the thickness, in thin and in thick bone
 DIPLOE_AT_MM = 4.0  # thickness halfway between the two
 DIPLOE_WIDTH_MM = 0.8
 OUTER_TABLE_SHARE = 0.55  # of what is not diploe
+STEP_REACH = 0.8  # of the thinner layer beside it: so far the step may be off
 
 
 def diploe_share(thickness_mm: Floats) -> Floats:
@@ -40,6 +41,13 @@ def layer_depths(thickness_mm: Floats, share: Floats) -> Floats:
     return np.stack((zero, outer_table, thickness_mm - inner_table, thickness_mm), axis=-1)
 
 
+def move_step(depths: Floats, by_mm: Floats | float) -> None:
+    """Move the step from outer table to diploe in depths (n, 4), short of its neighbours."""
+    outer, step, table = depths[:, :3].T
+    most = STEP_REACH * np.minimum(step - outer, table - step)
+    depths[:, 1] += most * np.tanh(by_mm / most)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class SkullShape:
     """One simulated head: every boundary is ``|x - center| = radius(direction)``."""
@@ -51,7 +59,8 @@ class SkullShape:
     base_thickness_mm: float
     template: tuple[Field, ...]  # added to the base thickness
     diploe: Waves  # shifts where the diploe widens
-    texture: Waves | None = None  # of the outer boundary alone
+    texture: tuple[Waves, ...] = ()  # of the outer boundary alone
+    step: tuple[Waves, ...] = ()  # of the step from outer table to diploe alone
 
     def radii(self, u: Floats) -> Floats:
         """Return the radii (n, 4) in mm of the four boundaries, outermost first.
@@ -86,6 +95,7 @@ class SkullShape:
         thickness = FLOOR_MM + FLOOR_WIDTH_MM * np.logaddexp(0.0, x)
         depths = layer_depths(thickness, diploe_share(thickness + value(self.diploe)))
         depths[:, 0] = self._carving(value)
+        move_step(depths, sum((value(field) for field in self.step), 0.0))
         return self._uncarved(value)[:, None] - depths
 
     def _uncarved(self, value: Callable[[Field], Floats]) -> Floats:
@@ -94,7 +104,5 @@ class SkullShape:
 
     def _carving(self, value: Callable[[Field], Floats]) -> Floats:
         """Return how deep (n,) sutures and texture are carved into the outer boundary."""
-        carved = value(self.sutures)
-        if self.texture is not None:
-            carved = carved + value(self.texture)
+        carved = value(self.sutures) + sum((value(field) for field in self.texture), 0.0)
         return SUTURE_CAP_MM * np.tanh(carved / SUTURE_CAP_MM)

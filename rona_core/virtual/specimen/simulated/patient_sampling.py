@@ -7,6 +7,7 @@ of diploe, grooves and sutures are plausible values: no source for them was foun
 import numpy as np
 
 from rona_core.geometry.arrays import Floats
+from rona_core.virtual.specimen.boundaries import SMOOTH, Relief
 from rona_core.virtual.specimen.simulated.layer_radii import SkullShape
 from rona_core.virtual.specimen.simulated.spherical_fields import (
     CENTER_SKULL,
@@ -67,27 +68,25 @@ ZIGZAG_MM = 1.3
 RELIEF_LENGTHS_MM, RELIEF_SDS_MM = np.array((45.0, 19.0, 7.5)), np.array((0.8, 0.25, 0.03))
 THICKNESS_LENGTHS_MM, THICKNESS_SDS_MM = np.array((45.0, 19.0, 7.5)), np.array((0.4, 0.8, 0.56))
 # correlation length of small unevenness: 1.7 mm on a skull of 0.5 mm voxels, 3 mm as beams see it
-TEXTURE_MM, TEXTURE_WAVES = 3.0, 200
+TEXTURE_MM, RELIEF_WAVES = 3.0, 200
+INNER_STREAM, STEP_STREAM = 1, 2  # of the relief of these boundaries, beside the rest of a head
 MEAN_THICKNESS_MM, SD_THICKNESS_MM, SPREAD = 5.95, 0.95, 1.8  # of the base; spread in SD
 
 
-def draw_patient(seed: int, outer_texture_mm: float = 0.0) -> SkullShape:
-    """Return the head of a seed; both of its sides differ.
-
-    Its outer boundary is uneven by ``outer_texture_mm`` RMS on top of its relief.
-    """
+def draw_patient(seed: int, relief: Relief = SMOOTH) -> SkullShape:
+    """Return the head of a seed; both of its sides differ."""
     rng = np.random.default_rng((STREAM, seed))
     scale = np.clip(rng.normal(1.0, 0.025, 4), 0.94, 1.06)
     width, length, height = np.array((70.0, 92.0, 75.0)) * scale[0] * scale[1:] ** 0.6
     egg = Egg((float(width), float(length), float(height)))
     base = MEAN_THICKNESS_MM + SD_THICKNESS_MM * np.clip(rng.normal(), -SPREAD, SPREAD)
-    relief = _bumps(rng, egg, OUTER_BUMPS, OUTER_MIDLINE)
+    bumps = _bumps(rng, egg, OUTER_BUMPS, OUTER_MIDLINE)
     template = _bumps(rng, egg, THICKNESS_BUMPS, THICKNESS_MIDLINE)
     return SkullShape(
         center_skull=np.array(CENTER_SKULL),
         egg=egg,
         relief=(
-            relief,
+            bumps,
             _grooves(rng, egg, (TEMPORAL_LINE,), LINE_MM),
             Waves.draw(rng, RELIEF_LENGTHS_MM, RELIEF_SDS_MM),
         ),
@@ -98,17 +97,28 @@ def draw_patient(seed: int, outer_texture_mm: float = 0.0) -> SkullShape:
             _grooves(rng, egg, MENINGEAL_GROOVES, GROOVE_MM, sign=-1.0),
             _grooves(rng, egg, (SINUS,), SINUS_MM, sign=-1.0),
             Waves.draw(rng, THICKNESS_LENGTHS_MM, THICKNESS_SDS_MM),
+            *_relief(seed, INNER_STREAM, relief.inner_mm, relief.length_mm),
         ),
         diploe=Waves.draw(rng, np.array((25.0,)), np.array((0.5,))),
-        texture=_texture(rng, outer_texture_mm),
+        texture=_uneven(rng, relief.outer_mm, TEXTURE_MM),  # the last of these draws
+        step=step_relief(seed, relief),
     )
 
 
-def _texture(rng: np.random.Generator, rms_mm: float) -> Waves | None:
-    """Return the small unevenness of the outer boundary, drawn last; None where there is none."""
+def step_relief(seed: int, relief: Relief) -> tuple[Waves, ...]:
+    """Return the unevenness of the step from outer table to diploe, over places / ``HEAD_MM``."""
+    return _relief(seed, STEP_STREAM, relief.step_mm, relief.length_mm)
+
+
+def _relief(seed: int, stream: int, rms_mm: float, length_mm: float) -> tuple[Waves, ...]:
+    return _uneven(np.random.default_rng((STREAM, seed, stream)), rms_mm, length_mm)
+
+
+def _uneven(rng: np.random.Generator, rms_mm: float, length_mm: float) -> tuple[Waves, ...]:
+    """Return a small unevenness; nothing where it is 0."""
     if rms_mm == 0.0:
-        return None
-    return Waves.draw(rng, np.array((TEXTURE_MM,)), np.array((rms_mm,)), TEXTURE_WAVES)
+        return ()
+    return (Waves.draw(rng, np.array((length_mm,)), np.array((rms_mm,)), RELIEF_WAVES),)
 
 
 def _bumps(

@@ -8,7 +8,7 @@ from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, Ints, as_points, as_vector3, readonly
 from rona_core.geometry.mesh import Mesh
 from rona_core.session.specimen import Side
-from rona_core.virtual.specimen.boundaries import Region, as_rays
+from rona_core.virtual.specimen.boundaries import SMOOTH, Region, Relief, as_rays
 from rona_core.virtual.specimen.simulated.atlas import Atlas
 from rona_core.virtual.specimen.simulated.drawn_head import drawn_head
 from rona_core.virtual.specimen.simulated.layer_radii import SkullShape
@@ -59,9 +59,9 @@ class SimulatedSpecimen:
         side: Side = "left",
         center_skull: ArrayLike | None = None,
         radius_mm: float = 25.0,
-        outer_texture_mm: float = 0.0,
+        relief: Relief = SMOOTH,
     ) -> None:
-        self.shape: SkullShape = draw_patient(seed, outer_texture_mm)
+        self.shape: SkullShape = draw_patient(seed, relief)
         self._center = self.shape.center_skull
         _, directions = cube_sphere(24)
         self._bound_mm = float(self.shape.outer_radii(directions).max()) + 2.0

@@ -21,7 +21,7 @@ REACH = 7.5  # standard deviations after which a smeared point counts as zero
 CENTER_SKULL = (0.0, -6.0, 48.0)  # from where the head is seen as a function of direction
 BISECTIONS = 40
 BLOCK = 2048  # directions at once: of an atlas the waves are 100 MB together
-CHEBYSHEV_NODES = 120  # across a chart of any size
+CHEBYSHEV_NODES = (40, 1.6)  # across a chart, and more for each radian from its middle
 
 Place = tuple[float, float]  # mm behind, mm above the ear canal
 
@@ -82,7 +82,9 @@ class Waves:
 
         Waves are smooth: what the polynomials leave out is less than 1e-11 mm.
         """
-        nodes = chebpts1(CHEBYSHEV_NODES)
+        least, more = CHEBYSHEV_NODES
+        steepest = float(np.linalg.norm(self.vectors, axis=1).max())
+        nodes = chebpts1(least + int(more * steepest * slopes[-1]))
         at_nodes = self.value(chart_directions(axes, slopes[-1] * nodes)).reshape(2 * nodes.shape)
         known, wanted = (chebvander(x, len(nodes) - 1) for x in (nodes, slopes / slopes[-1]))
         between = wanted @ np.linalg.inv(known)

@@ -19,7 +19,7 @@ from rona_core.ultrasound.probe.probe_model import probe_model
 
 
 def test_sigma_is_the_bound_of_the_echo_in_the_noise_that_the_settings_name():
-    settings = ProbeSettings(excitation="pulse", front_snr_db=46.0)
+    settings = ProbeSettings(excitation="pulse", front_snr_db=36.0, shots=10)
     found = expected_performance(settings, (5.0,))
     probe = probe_model(settings)
     noise = 0.5 * 10 ** (-46 / 20) / np.sqrt(probe.bandwidth * probe.centre_mhz / 25.0)
@@ -62,7 +62,7 @@ def test_what_was_edited_counts_for_its_own_probe():
 
 
 def test_too_much_noise_leaves_no_depth():
-    assert expected_performance(ProbeSettings(front_snr_db=0.0)).most_mm < 2.0
+    assert expected_performance(ProbeSettings(front_snr_db=0.0, shots=1)).most_mm < 2.0
 
 
 @pytest.mark.parametrize("wrong", [(0.0,), (-1.0, 3.0), (50.0,)])

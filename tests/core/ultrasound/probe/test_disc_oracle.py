@@ -31,18 +31,23 @@ def test_rays_of_leaning_bone_are_as_loud_as_all_plane_waves(name, lean_deg):
     found = leaning(name, lean_deg)
     assert abs(found.front_db) < 0.25
     assert abs(found.front_ns) < 5.0
-    assert abs(found.inner_db) < 2.0
+    assert abs(found.inner_db) < 0.75
+    assert abs(found.inner_ns) < 10.0
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", PROBE_NAMES)
-def test_rays_of_leaning_bone_hold_at_four_degrees(name):
-    found = leaning(name, 4.0)
+def test_rays_of_leaning_bone_hold_at_five_degrees(name):
+    """Where the outer echo is in the null of the beam, and later looks lean."""
+    found = leaning(name, 5.0)
     assert abs(found.front_db) < 0.5
-    assert abs(found.front_ns) < 10.0
+    assert abs(found.front_ns) < 15.0
+    assert abs(found.inner_db) < 0.75
+    assert abs(found.inner_ns) < 15.0
 
 
 def test_rays_of_curved_bone_are_as_loud_as_huygens_points():
     found = curved("1MHz", 80.0)
-    assert abs(found.front_db) < 0.05
+    assert abs(found.front_db) < 0.15
     assert abs(found.front_ns) < 7.5
+    assert abs(found.inner_db) < 1.5

@@ -125,7 +125,7 @@ def test_a_warm_line_loses_less_and_room_temperature_changes_nothing():
 
 
 def test_gain_scales_echo_and_noise_alike_until_the_converter_clips():
-    settings = ProbeSettings(excitation="pulse", front_snr_db=30.0)
+    settings = ProbeSettings(excitation="pulse", front_snr_db=30.0, shots=1)
     plain, louder, loud = (fire(replace(settings, gain_db=g)) for g in (0.0, 3.0, 20.0))
     np.testing.assert_allclose(louder.rf, plain.rf * 10 ** (3 / 20), atol=2e-4)
     assert not louder.clipped

@@ -8,7 +8,7 @@ from rona_core.errors import DeviceError
 from rona_core.geometry.pose import Pose
 from rona_core.ultrasound.probe.probe_model import FULL_SCALE_SHARE, probe_model
 from rona_core.virtual.acoustics.medium import Medium
-from rona_core.virtual.acoustics.probe import VirtualProbe, hexagon
+from rona_core.virtual.acoustics.probe import VirtualProbe, hexagon, receiver_noise
 from tests.helpers.ultrasound_scenes import Plates, Shells, StillClock
 
 NOISELESS = ProbeSettings(excitation="pulse", front_snr_db=90.0)
@@ -39,9 +39,10 @@ def test_a_firing_depends_on_its_time_and_not_on_the_polling():
         assert np.any(other.acquire().rf != lonely.rf)
 
 
+@pytest.mark.parametrize("shots", [1, 16])
 @pytest.mark.parametrize("name", ["2.25MHz", "1MHz"])
-def test_the_noise_in_the_band_is_as_set(name):
-    settings = ProbeSettings(name=name, front_snr_db=40.0)
+def test_the_noise_in_the_band_is_as_set_and_falls_with_the_root_of_the_shots(name, shots):
+    settings = ProbeSettings(name=name, front_snr_db=40.0, shots=shots)
     probe, clock, pose = rig(settings=settings)
     pose[0] = Pose.from_translation((0.0, 0.0, -5.0))
     traces = []
@@ -55,7 +56,15 @@ def test_the_noise_in_the_band_is_as_set(name):
     spectrum = np.fft.rfft(noise, axis=1)
     spectrum[:, outside] = 0.0
     in_band = np.fft.irfft(spectrum, noise.shape[1], axis=1).std()
-    assert 20 * np.log10(FULL_SCALE_SHARE / in_band) == pytest.approx(40.0, abs=0.7)
+    found = 20 * np.log10(FULL_SCALE_SHARE / in_band)
+    assert found == pytest.approx(settings.averaged_snr_db, abs=0.7)
+
+
+def test_no_average_lowers_noise_that_every_shot_repeats():
+    levels = [receiver_noise(ProbeSettings(shots=n), probe_model("2.25MHz")) for n in (1, 32, 128)]
+    assert 20 * np.log10(levels[0] / levels[1]) == pytest.approx(15.0, abs=0.15)
+    assert levels[2] > 1.02 * levels[0] / np.sqrt(128)
+    assert levels[2] < levels[1]
 
 
 def test_contact_is_kept_within_the_compliance_and_lost_beyond():
@@ -113,7 +122,7 @@ def test_samples_lie_on_the_converters_steps_and_are_frozen():
 
 
 def test_heavy_noise_clips_and_says_so():
-    scan = rig(settings=ProbeSettings(front_snr_db=5.0))[0].acquire()
+    scan = rig(settings=ProbeSettings(front_snr_db=5.0, shots=1))[0].acquire()
     assert scan.clipped
     assert scan.rf.max() < 1.0
     assert scan.rf.min() >= -1.0

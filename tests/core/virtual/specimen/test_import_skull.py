@@ -12,6 +12,7 @@ import trimesh
 
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.session.specimen import SimulatedSkull
+from rona_core.virtual.specimen.boundaries import SMOOTH, Relief
 from rona_core.virtual.specimen.build_specimen import build_specimen
 from rona_core.virtual.specimen.import_skull import import_skull
 from rona_core.virtual.specimen.imported import distance_grid as distance
@@ -78,6 +79,7 @@ def disc(specimen, rng, n=60, spread_mm=15.0):
     return o, -(o - MIDDLE) / np.linalg.norm(o - MIDDLE, axis=1, keepdims=True)
 
 
+UNEVEN = Relief(0.1, 0.1, 0.25, 3.0)
 # name, inner file, threshold, largest error of a boundary in mm: half a voxel, or triangles
 SPHERES = [
     ("shell.nii.gz", None, None, 0.5),
@@ -169,6 +171,17 @@ def test_a_pinhole_is_missing_bone_and_the_disc_avoids_a_hole(tmp_path):
     chosen = import_skull(path, radius_mm=15.0)
     off = np.linalg.norm((chosen.center_skull - MIDDLE - (0.0, 1.5, 1.5))[1:])
     assert off > 15.0
+
+
+def test_the_step_from_table_to_diploe_alone_has_relief(folder):
+    skull = load(folder / "both.ply", None, None)
+    plain, rough = (build_specimen(skull, 0, radius_mm=12.0, relief=r) for r in (SMOOTH, UNEVEN))
+    rays = disc(plain, np.random.default_rng(0))
+    off = rough.layers(*rays) - plain.layers(*rays)
+    assert not off[:, (0, 2, 3)].any()
+    assert 0.1 < off[:, 1].std() < 0.4
+    other = build_specimen(skull, 1, radius_mm=12.0, relief=UNEVEN)
+    assert abs(other.layers(*rays)[:, 1] - rough.layers(*rays)[:, 1]).max() > 0.1
 
 
 def test_moving_the_centre_within_what_is_stored(folder):

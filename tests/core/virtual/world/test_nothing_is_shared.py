@@ -8,7 +8,6 @@ ALGORITHMS = ("calibration", "mapping", "path", "robot", "surface", "ultrasound"
 # What both may know: how long records are, what a maker tells of its probe and arm, and gravity.
 TOLD = {
     "FACE_OVER_APERTURE",  # size of the line's face
-    "FULL_SCALE_SHARE",  # how the receiver's gain is set
     "GRAVITY_BASE",
     "GRID",
     "SPREAD",  # of the shapes that an arm is drawn with

@@ -21,6 +21,7 @@ from rona_core.virtual.acoustics.medium import MEDIA, bone_medium
 from rona_core.virtual.robot.accuracy_error import RobotError
 from rona_core.virtual.robot.joint_errors import JointErrors
 from rona_core.virtual.scene import VirtualScene
+from rona_core.virtual.specimen.boundaries import Relief
 from rona_core.virtual.specimen.simulated.patient_sampling import draw_patient
 from rona_core.virtual.tracker.marker_error import marker_error
 from rona_core.virtual.world.quantities import BONE_KINDS, QUANTITIES, Normal, Uniform
@@ -149,7 +150,7 @@ def test_the_outer_boundary_alone_is_uneven():
     random = np.random.default_rng(0)
     u = random.normal(0.0, 1.0, (4000, 3))
     u /= np.linalg.norm(u, axis=1)[:, None]
-    smooth, uneven = draw_patient(4).radii(u), draw_patient(4, 0.1).radii(u)
+    smooth, uneven = draw_patient(4).radii(u), draw_patient(4, Relief(outer_mm=0.1)).radii(u)
     off = uneven - smooth
     assert off[:, 0].std() == pytest.approx(0.1, rel=0.12)  # sutures are no deeper for it
     assert not off[:, 1:].any()
