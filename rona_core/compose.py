@@ -63,7 +63,7 @@ def specimen_of(setup: Setup) -> Specimen:
         setup.seed,
         center_mesh_mm=setup.region.center_mesh_mm,
         radius_mm=setup.region.radius_mm,
-        outer_texture_mm=world_of(setup).outer_texture_mm,
+        relief=world_of(setup).relief,
     )
 
 
@@ -307,7 +307,7 @@ def _figures(bench: Workbench, ending: Ending) -> dict[str, Any]:
         ending = Ending(False, failed, ending.reason or str(error), ending.left_out)
     figures["completed"] = ending.completed
     left = ending.left_out
-    figures["second_pass_reason"] = left.get("gaps") or left.get("second")
+    figures["second_pass_reason"] = left.get("tilts") or left.get("tilted")
     figures["references_reason"] = left.get("caliper")
     figures["bed_reason"] = ending.reason if ending.failed_step == "implant" else None
     figures["milling_reason"] = left.get("milling") or left.get("rehearsal")

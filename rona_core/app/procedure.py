@@ -84,18 +84,19 @@ PROCEDURE = (
     Stage("scan", StartScan(), "capture scan", "Scan", seen_first=True),
     Stage("detection", StartMapping(), "detection", "Map the boundaries"),
     Stage(
-        "gaps",
+        "tilts",
         StartGapPlan(),
         "second",
-        "Plan the second pass",
-        offered="a way of the tilted probe over the gaps of the inner map",
+        "Plan the tilted passes",
+        offered="a way of the tilted probe over the whole region, where an upright one may miss "
+        "the echo of the inner table",
     ),
     Stage(
-        "second",
+        "tilted",
         StartGapScan(),
         "capture second",
-        "Scan the gaps",
-        offered="the inner boundary in the gaps of the first pass",
+        "Scan with the probe tilted",
+        offered="the inner boundary where an upright probe misses it, and what it is sure of",
         seen_first=True,
     ),
     Stage(
@@ -217,25 +218,36 @@ def run_procedure(
 
 
 def _carry_out(stage: Stage, bench: Workbench, progress: StepProgress) -> str | None:
-    """Bring a stage forward; return why what it makes is not usable then, or None."""
-    before = stage.judgement(bench.session)
-    message = None if before.state == "bad" else stage.next_message(bench.session)
-    try:
-        if message is not None and type(message).__name__ in REGISTRY.command_types:
-            bench.dispatch(message)
-        elif message is not None:
-            bench.run(message, lambda share: progress(stage.name, share))
-    except CancelledError:
-        raise
-    except RonaError as error:
-        return str(error)
-    found = stage.judgement(bench.session)
+    """Bring a stage forward; return why what it makes is not usable then, or None.
+
+    What is recorded in several parts is recorded part by part, each of which changes the judgement.
+    """
+    before, found = None, stage.judgement(bench.session)
+    while found != before and not found.holds:
+        before = found
+        try:
+            _send(stage, bench, progress)
+        except CancelledError:
+            raise
+        except RonaError as error:
+            return str(error)
+        found = stage.judgement(bench.session)
     if found.holds:
         return None
     plan = bench.session.results.roll
     if stage.name == "roll" and plan is not None and (why := why_no_plan(plan.value)) is not None:
         return f"{why}. {_base_move(bench)}"
     return found.reason
+
+
+def _send(stage: Stage, bench: Workbench, progress: StepProgress) -> None:
+    """Send the message that brings a stage forward, if there is one."""
+    bad = stage.judgement(bench.session).state == "bad"
+    message = None if bad else stage.next_message(bench.session)
+    if message is not None and type(message).__name__ in REGISTRY.command_types:
+        bench.dispatch(message)
+    elif message is not None:
+        bench.run(message, lambda share: progress(stage.name, share))
 
 
 def _base_move(bench: Workbench) -> str:

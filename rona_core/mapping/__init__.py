@@ -2,11 +2,11 @@
 
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.mapping.build_maps import build_maps
-from rona_core.mapping.second_pass import plan_second_pass
+from rona_core.mapping.tilted_passes import tilted_paths
 
 __all__ = [
     "BoundaryMap",
     "Maps",
     "build_maps",
-    "plan_second_pass",
+    "tilted_paths",
 ]

@@ -7,13 +7,14 @@ from numpy.typing import ArrayLike
 
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.errors import CancelledError, DegenerateGeometryError, InvalidInputError
-from rona_core.geometry.arrays import Bools, Floats, as_points, readonly
+from rona_core.geometry.arrays import Bools, Floats, Ints, as_points, readonly
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.mapping.boundary_map import BoundaryMap, CloudFit, Maps
 from rona_core.mapping.cloud_fusion import CloudPrior, fuse_cloud
 from rona_core.mapping.fitting.hampel_filter import agreeing
 from rona_core.mapping.fitting.plate_field import PlateField, fit_field, plate_through
 from rona_core.mapping.map_grid import NEAR_MM, MapGrid
+from rona_core.mapping.pass_fusion import fuse_passes
 from rona_core.mapping.scanned_area import require_area, require_share
 from rona_core.ultrasound.detection.detect import Detection
 from rona_core.ultrasound.detection.single.matched_filter import block_template
@@ -81,6 +82,7 @@ class LocatedDetection:
 
     detection: Detection
     Ts_base_probe: Poses
+    passes: Ints | None = None  # (n,) number of the pass of each, from 0; None: all of one
 
     def __post_init__(self) -> None:
         if len(self.Ts_base_probe) != len(self.detection):
@@ -183,7 +185,13 @@ def add_inner_map(
         outer_base = np.vstack((outer_base, second_outer - late))
         inner_base = np.vstack((inner_base, second_inner - late))
         usable = np.concatenate((usable, second.detection.flag == 0))
-    inner, inner_used = _inner(usable, outer.grid.T_base_map.inv() @ inner_base, outer)
+    into_map = outer.grid.T_base_map.inv()
+    places_map, inner_map = into_map @ outer_base, into_map @ inner_base
+    passes = np.zeros(len(found.detection), dtype=np.int64)
+    if second is not None:
+        further = np.zeros(len(second.detection), dtype=np.int64)
+        passes = np.concatenate((passes, 1 + (further if second.passes is None else second.passes)))
+    inner, inner_used = _inner(usable, places_map, inner_map, passes, outer)
     return Maps(
         outer_points_base=readonly(outer_base),
         inner_points_base=readonly(inner_base),
@@ -241,20 +249,29 @@ def _agreeing_among(usable: Bools, points_map: Floats) -> Bools:
     return used
 
 
-def _inner(usable: Bools, inner_map: Floats, outer: OuterMaps) -> tuple[BoundaryMap, Bools]:
-    """Map what lies between the boundaries and subtract it, so that they never cross."""
+def _inner(
+    usable: Bools, places_map: Floats, inner_map: Floats, passes: Ints, outer: OuterMaps
+) -> tuple[BoundaryMap, Bools]:
+    """Map what lies between the boundaries and subtract it, so that they never cross.
+
+    It is mapped where A-scans entered the bone (n, 3), like the outer boundary.
+    """
     grid, heights = outer.grid, outer.outer.height_mm
     used, below = usable, np.zeros(len(usable))
     if np.count_nonzero(usable) >= LEAST_SAMPLES:
         below[usable] = outer.plate.heights(inner_map[usable, :2]) - inner_map[usable, 2]
-        used = _agreeing_among(usable, np.column_stack((inner_map[:, :2], below)))
+        if passes.any():
+            fused = fuse_passes(inner_map[:, :2], below, usable, passes, int(passes.max()) + 1)
+            used, below = fused.agreeing, below - fused.offsets_mm[passes]
+        else:
+            used = _agreeing_among(usable, np.column_stack((inner_map[:, :2], below)))
     if np.count_nonzero(used) < LEAST_SAMPLES:
         nothing = np.zeros(grid.shape, dtype=np.bool_)
         flat = grid.with_heights(heights - LEAST_THICKNESS_MM, nothing)
         return flat, np.zeros(len(usable), dtype=np.bool_)
     between = fit_field(inner_map[used, :2], below[used])
     depth = np.maximum(between.heights(grid.places), LEAST_THICKNESS_MM).reshape(grid.shape)
-    ok = grid.near(inner_map[used])
+    ok = grid.near(places_map[used])
     return grid.with_heights(heights - depth, ok), used
 
 

@@ -27,7 +27,7 @@ from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.surface.cloud import SurfaceCloud
 from rona_core.geometry.surface.normals.normals import Normals
 from rona_core.mapping.boundary_map import Maps
-from rona_core.mapping.second_pass import SecondPassPath
+from rona_core.mapping.tilted_passes import SecondPassPath
 from rona_core.path.manual_edits import PathEdits
 from rona_core.path.simplification.simplify import SimplifiedPath
 from rona_core.path.zones import PaintedRegions
@@ -153,11 +153,27 @@ class SmoothPath:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SecondPass:
-    """Step 9: how the gaps that are left in the inner map are scanned again."""
+    """Step 9: how the region is scanned again with the probe tilted; a pass, and those after it."""
 
     way: SecondPassPath
     plan: RobotPlan
     n_before: int = field(default=0, metadata=OMIT_EMPTY)  # further passes that it knew of
+    following: tuple["SecondPass", ...] = field(default=(), metadata=OMIT_EMPTY)
+
+    @property
+    def passes(self) -> tuple["SecondPass", ...]:
+        """All passes of the plan in the order of scanning."""
+        return (self, *self.following)
+
+    def scanned(self, held: tuple[ScanCapture, ...]) -> int:
+        """Return how many of its passes were scanned to the end, of all further ones held."""
+        whole = len(held) - self.n_before - bool(held and held[-1].partial)
+        return min(max(whole, 0), len(self.passes))
+
+    def next_pass(self, held: tuple[ScanCapture, ...]) -> "SecondPass | None":
+        """Return the pass to be scanned next; None where all are scanned."""
+        done = self.scanned(held)
+        return self.passes[done] if done < len(self.passes) else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -215,6 +215,7 @@ class Capture:
     after: Input[object] | None = None  # what it rests on
     # (session, recorded, append) -> what the session holds under the name; None: the recorded one
     place: Callable[[Session, Any, bool], object] | None = None
+    judged: Judge | None = None  # of what the session holds; None: one that is whole is usable
     adds: bool = False  # always to those before, so that one that was stopped early counts, too
     # (before, after) -> after, without what belonged to the capture before
     stored: Callable[[Session, Session], Session] | None = None

@@ -151,6 +151,9 @@ def _held(name: str, session: Session) -> object:
 
 def _of_capture(name: str, session: Session) -> Judgement:
     held = _held(name, session)
+    judged = REGISTRY.captures[name.removeprefix(CAPTURE)].judged
+    if judged is not None:
+        return judged(held, session)
     strokes = held if isinstance(held, tuple) else (held,)
     if not any(getattr(stroke, "partial", False) for stroke in strokes):
         return USABLE

@@ -4,7 +4,8 @@ Detection knows what a laboratory knows: the probe, the echo of a reference bloc
 sound speeds. It does not know how the echoes were made, and it flags what is not certain.
 """
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, replace
 from typing import Literal, get_args
 
 import numpy as np
@@ -90,6 +91,16 @@ class Detection:
 
     def __len__(self) -> int:
         return len(self.flag)
+
+    @classmethod
+    def joined(cls, parts: Sequence["Detection"]) -> "Detection":
+        """Return the A-scans of several detections by the same probe, one after the other."""
+        columns = [f.name for f in fields(cls) if isinstance(getattr(parts[0], f.name), np.ndarray)]
+        together = {
+            name: readonly(np.concatenate([getattr(part, name) for part in parts]))
+            for name in columns
+        }
+        return replace(parts[0], **together)
 
 
 def detect(

@@ -63,8 +63,8 @@ def rehearse_milling(
 
 # What maps more of the bone or makes it more certain, and so more beds safe: part, its remedy
 FURTHER = {
-    "second": Remedy("plan the second pass (step 9)", StartGapPlan()),
-    "capture second": Remedy("scan the gaps again (step 9)", StartGapScan()),
+    "second": Remedy("plan the tilted passes (step 9)", StartGapPlan()),
+    "capture second": Remedy("scan with the probe tilted (step 9)", StartGapScan()),
     "burr": Remedy("register the burr (step 10)", StartBurrCapture()),
     "mounting": Remedy("record on the gauge plate (step 8)", StartProbeMountingCapture()),
     "speed": Remedy("measure reference points (step 9)", StartCaliperMeasurements()),

@@ -44,7 +44,7 @@ MOST_DRAWS = 1000
 SONO_MAPS: Input[SonoMaps] = result_input("sono_maps")
 HELD_AGAIN: Input[Detection] = Input(AGAIN.read, "detect the boundaries", optional=True)
 ALL_PASSES: Input[Passes] = Input(
-    lambda s: s.captures.second, "scan the gaps again (step 9)", optional=True
+    lambda s: s.captures.second, "scan with the probe tilted (step 9)", optional=True
 )
 SPEED_OF_MAPS: Input[SpeedCalibration] = Input(
     speed_of_maps, "calibrate the speed (step 9)", optional=True

@@ -1,16 +1,19 @@
 """Boundary detection and maps, of the first pass and of further ones."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
 
 from rona_core.app.steps.acoustics.derivation import first_speed, with_known_speed
-from rona_core.app.steps.maps.further_passes import Passes, joined_poses, joined_scans
+from rona_core.app.steps.maps.further_passes import Passes, joined_poses
 from rona_core.app.steps.maps.inputs import FirstPass, FirstSurvey, FurtherSurvey, MapsInputs
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.scan.derivation import ProbePlaces
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.devices.samples import AScanTrack
 from rona_core.devices.settings import Excitation
-from rona_core.geometry.arrays import Floats
+from rona_core.geometry.arrays import Floats, readonly
 from rona_core.geometry.pose import Poses
 from rona_core.mapping.boundary_map import Maps
 from rona_core.mapping.build_maps import (
@@ -19,11 +22,12 @@ from rona_core.mapping.build_maps import (
     add_inner_map,
     build_outer_maps,
 )
-from rona_core.mapping.second_pass import standoffs_mm
+from rona_core.mapping.tilted_passes import standoffs_mm
 from rona_core.session.memo import Memo
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import SpeedCalibration
-from rona_core.ultrasound.detection.detect import Detection, detect, doubted, has_inner_echoes
+from rona_core.ultrasound.detection.detect import Detection, detect
 from rona_core.ultrasound.detection.manual_corrections import BoundaryEdits, corrected
+from rona_core.ultrasound.detection.pass_standoff import standoff_offset_mm
 from rona_core.ultrasound.probe.probe_model import ProbeModel, ProbeSurvey
 
 OUTER_MAPS: Memo[OuterMaps] = Memo(2)  # maps, plan of a further pass and its detection share one
@@ -41,6 +45,17 @@ class Survey:
     known_standoff_mm: Floats | None = None  # (n,) to the outer boundary, see ``ProbeSurvey``
     bone_loss: float | None = None  # over the nominal one; None: to be learned from these A-scans
 
+    def of_probe(self) -> ProbeSurvey:
+        """Return what detection looks at."""
+        return ProbeSurvey(
+            self.scans,
+            self.probe,
+            self.excitation,
+            positions_mm=self.poses.translations,
+            axes=self.poses.rotations[:, :, 2],
+            known_standoff_mm=self.known_standoff_mm,
+        )
+
 
 def detect_survey(
     survey: Survey, message: StartMapping, *, progress: Progress, cancel: Cancel
@@ -52,14 +67,7 @@ def detect_survey(
         CancelledError: ``cancel`` said so.
     """
     return detect(
-        ProbeSurvey(
-            survey.scans,
-            survey.probe,
-            survey.excitation,
-            positions_mm=survey.poses.translations,
-            axes=survey.poses.rotations[:, :, 2],
-            known_standoff_mm=survey.known_standoff_mm,
-        ),
+        survey.of_probe(),
         method=message.method,
         sound_speed_mm_per_us=first_speed(message.sound_speed_mm_per_us),
         bone_loss=survey.bone_loss,
@@ -81,9 +89,7 @@ def find_inner_boundary(
 ) -> Detection:
     """Find the inner boundary in the further passes.
 
-    The outer boundary is that of the first pass, and so is the attenuation of the bone. Where the
-    first pass shows no inner boundary at all, no inner echo of a leaning probe is sure: the few
-    there are come from steps within the bone.
+    The outer boundary is that of the first pass, and so is the attenuation of the bone.
     """
     first, excitation = known.first, known.settings.excitation
     return detect_again(
@@ -103,17 +109,22 @@ def detect_again(
 ) -> Detection:
     """Find the inner boundary in further passes; arguments as of `FurtherSurvey`."""
     maps = outer_maps(first, message.cell_mm)
-    poses = joined_poses(places, passes)
-    survey = Survey(
-        joined_scans(passes),
-        poses,
-        first.probe,
-        excitation,
-        standoffs_mm(maps.outer, poses) + maps.late_mm,
-        first.found.bone_loss,
-    )
-    found = detect_survey(survey, message, progress=progress, cancel=cancel)
-    return found if has_inner_echoes(first.found) else doubted(found, found.inner_ok)
+    parts: list[Detection] = []
+    for number, one in enumerate(passes):
+        poses = places.poses(one)
+        known_mm = standoffs_mm(maps.outer, poses) + maps.late_mm
+        survey = Survey(one.scans, poses, first.probe, excitation, known_mm, first.found.bone_loss)
+        here_mm = known_mm + standoff_offset_mm(survey.of_probe(), known_mm)
+        survey = replace(survey, known_standoff_mm=here_mm)
+        share = partial(_share, progress, number / len(passes), 1.0 / len(passes))
+        found = detect_survey(survey, message, progress=share, cancel=cancel)
+        # poses and outer map belong together: the inner boundary is placed below the map
+        parts.append(replace(found, standoff_mm=readonly(known_mm)))
+    return Detection.joined(parts)
+
+
+def _share(progress: Progress, start: float, width: float, share: float) -> None:
+    progress(start + width * share)
 
 
 def build_maps(
@@ -144,7 +155,8 @@ def further_detection(
     if not passes or again is None:
         return None
     edited = corrected(again, edits, "second", first.probe)
-    return LocatedDetection(edited, joined_poses(places, passes))
+    numbers = np.repeat(np.arange(len(passes)), [len(one.scans) for one in passes])
+    return LocatedDetection(edited, joined_poses(places, passes), numbers)
 
 
 def both_maps(outer: OuterMaps, found: LocatedDetection, further: LocatedDetection | None) -> Maps:
@@ -158,7 +170,8 @@ def _at_known_speed(
 ) -> LocatedDetection:
     """Return a detection whose thickness is at the calibrated speed of sound, or the wanted one."""
     poses = found.Ts_base_probe
-    return LocatedDetection(with_known_speed(found.detection, poses, speed, wanted), poses)
+    known = with_known_speed(found.detection, poses, speed, wanted)
+    return replace(found, detection=known)
 
 
 def outer_maps(

@@ -2,12 +2,15 @@
 
 from dataclasses import replace
 
+from rona_core.app.declarations.declarations import USABLE, Judgement, Remedy
 from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan
+from rona_core.app.steps.roll.certificate_view import why_no_plan
 from rona_core.app.steps.scan.derivation import ProbePlaces
 from rona_core.devices.samples import AScanTrack
 from rona_core.geometry.pose import Poses
 from rona_core.session.captures import ScanCapture
-from rona_core.session.document import Session
+from rona_core.session.document import SecondPass, Session
 from rona_core.session.memo import remember
 
 Passes = tuple[ScanCapture, ...]
@@ -22,9 +25,39 @@ def usable_second(session: Session) -> Passes:
 def with_pass(session: Session, capture: ScanCapture, append: bool) -> object:
     """Return the further passes with one more; it replaces those of another scan or set-up.
 
-    Each adds to what is there: that message knows no ``append``.
+    Each adds to what is there: that message knows no ``append``. It takes the place of a last one
+    that was stopped early.
     """
-    return (*usable_second(session), capture)
+    held = usable_second(session)
+    return (*(held[:-1] if held and held[-1].partial else held), capture)
+
+
+def judge_plan(planned: SecondPass, session: Session) -> Judgement:
+    """Return whether the robot can follow all planned further passes."""
+    for number, one in enumerate(planned.passes):
+        if (reason := why_no_plan(one.plan)) is not None:
+            why = f"tilted pass {number + 1} of {len(planned.passes)}: {reason}"
+            return Judgement("bad", why, Remedy("plan the tilted passes with less tilt (step 9)"))
+    return USABLE
+
+
+def judge_passes(held: Passes, session: Session) -> Judgement:
+    """Return whether all planned passes are scanned."""
+    planned = session.results.second
+    if planned is None or planned.value.next_pass(held) is None:
+        return USABLE
+    done, count = planned.value.scanned(held), len(planned.value.passes)
+    again = Remedy(f"scan tilted pass {done + 1} of {count} (step 9)", StartGapScan())
+    return Judgement("missing", f"{done} of {count} tilted passes are scanned", again)
+
+
+def all_scanned(session: Session) -> Judgement | None:
+    """Return why no further pass can be scanned: each that is planned was; None: one can."""
+    planned, held = session.results.second, session.captures.second
+    if planned is None or planned.value.next_pass(held) is not None:
+        return None
+    remedy = Remedy("plan further passes (step 9)", StartGapPlan())
+    return Judgement("blocked", "all planned passes are scanned: plan further ones", remedy)
 
 
 def forget_corrections(before: Session, after: Session) -> Session:

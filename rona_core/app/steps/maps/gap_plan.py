@@ -12,14 +12,13 @@ from rona_core.app.steps.maps.derivation import (
 )
 from rona_core.app.steps.maps.inputs import GapInputs
 from rona_core.app.steps.maps.messages import StartGapPlan, StartMapping
-from rona_core.app.steps.path.inputs import allowed_in_patch, require_none_avoided
+from rona_core.app.steps.path.inputs import require_none_avoided
 from rona_core.app.steps.roll.derivation import plan_settings
 from rona_core.app.steps.roll.messages import StartRollSearch
 from rona_core.devices.protocols import Cancel, Progress
-from rona_core.errors import StepBlockedError
 from rona_core.mapping.boundary_map import Maps
 from rona_core.mapping.build_maps import LocatedDetection
-from rona_core.mapping.second_pass import SecondPassPath, plan_along, plan_second_pass
+from rona_core.mapping.tilted_passes import SecondPassPath, plan_along, tilted_paths
 from rona_core.path.zones import PaintedRegions
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.plan_motion import plan_scan
@@ -36,18 +35,15 @@ def plan_gaps(
         StepBlockedError: there is no gap worth a scan.
         InvalidInputError: a line leaves the outer map.
     """
-    maps = maps_so_far(known, progress=progress, cancel=cancel)
-    speed, painted = known.first.found.sound_speed_mm_per_us, known.painted or PaintedRegions()
     if message.rows:
-        way = plan_along(maps, message.rows, speed, message)
+        maps = maps_so_far(known, progress=progress, cancel=cancel)
+        speed, painted = known.first.found.sound_speed_mm_per_us, known.painted or PaintedRegions()
+        way = plan_along(maps, message.rows, speed, message.tilt_deg)
         require_none_avoided(painted, way.path.points_base)
         return plan_further_pass(known, way, progress=progress, cancel=cancel)
-    way = plan_second_pass(maps, speed, message, allowed_in_patch(painted, maps.outer.T_base_map))
-    if way is None:
-        raise StepBlockedError(
-            "StartGapPlan is blocked: no gap is left in the inner map where it may be scanned"
-        )
-    return plan_further_pass(known, way, progress=progress, cancel=cancel)
+    ways = tilted_paths(known.searched.search.path, message)
+    passes = [plan_further_pass(known, w, progress=progress, cancel=cancel) for w in ways]
+    return replace(passes[0], following=tuple(passes[1:]))
 
 
 def plan_gaps_again(

@@ -20,6 +20,7 @@ from rona_core.mapping.accuracy.probe_place import cloud_prior
 from rona_core.mapping.boundary_map import Maps
 from rona_core.mapping.cloud_fusion import CloudPrior
 from rona_core.path.zones import PaintedRegions
+from rona_core.robot.planning.plan import RobotPlan
 from rona_core.session.captures import ScanCapture
 from rona_core.session.document import SecondPass
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import SpeedCalibration
@@ -28,6 +29,7 @@ from rona_core.ultrasound.detection.manual_corrections import BoundaryEdits, cor
 from rona_core.ultrasound.probe.probe_model import ProbeModel
 
 MAPS: Input[Maps] = result_input("maps")
+ROLL: Input[RobotPlan] = result_input("roll")
 SECOND: Input[SecondPass] = result_input("second")
 AGAIN: Input[Detection] = result_input("second_detection")
 
@@ -36,7 +38,7 @@ PASSES: Input[Passes] = Input(
 )
 ANY_PASSES: Input[Passes] = Input(
     usable_second,
-    "scan the gaps again (step 9)",
+    "scan with the probe tilted (step 9)",
     optional=True,
     counts=lambda s: s.captures.second,
 )
@@ -159,6 +161,7 @@ class GapInputs:
     settings: ProbeSettings = given(PROBE, "probe")
     painted: PaintedRegions | None = given(PAINTED, "painted regions")
     driven: Driven = given(DRIVEN)
+    searched: RobotPlan = given(ROLL, "roll")
     planned: SecondPass | None = given(ANY_PLAN, "plan")  # that is made again
 
 

@@ -6,7 +6,7 @@ from rona_core.app.messages.message import Point, message
 from rona_core.app.runtime.saving.session_files import FILE_NAME, plain_name
 from rona_core.devices.limits import PLACE_MM, choice, limited, number
 from rona_core.mapping.comparison.reference_bone import Registration
-from rona_core.mapping.second_pass import SecondPassSettings
+from rona_core.mapping.tilted_passes import TiltSettings
 
 Corner = tuple[float, float]  # u and v in the plane of the maps, in mm
 MAX_ROWS = 500
@@ -47,7 +47,7 @@ class StartMapping:
 
 
 @message
-class StartGapPlan(SecondPassSettings):
+class StartGapPlan(TiltSettings):
     """Plan a further scan with the probe leaning towards the inner table, over the gaps of its map.
 
     Or along lines that are given, such as those that tell most of an implant bed (step 10).

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 from rona_core.app.declarations import declarations as declare
-from rona_core.app.declarations.declarations import USABLE, Judgement, Remedy
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.judge import partial_reason
 from rona_core.app.runtime.handling import compute, record
@@ -14,7 +13,13 @@ from rona_core.app.steps.maps.derivation import (
     find_inner_boundary,
 )
 from rona_core.app.steps.maps.export import EXPORTS
-from rona_core.app.steps.maps.further_passes import forget_corrections, with_pass
+from rona_core.app.steps.maps.further_passes import (
+    all_scanned,
+    forget_corrections,
+    judge_passes,
+    judge_plan,
+    with_pass,
+)
 from rona_core.app.steps.maps.gap_plan import plan_gaps, plan_gaps_again
 from rona_core.app.steps.maps.inputs import MAPS, SECOND
 from rona_core.app.steps.maps.messages import (
@@ -23,26 +28,17 @@ from rona_core.app.steps.maps.messages import (
     StartGapScan,
     StartMapping,
 )
-from rona_core.app.steps.roll.certificate_view import why_no_plan
 from rona_core.app.steps.scan.captures import capture_scan
 from rona_core.app.steps.scan.derivation import SCAN
 from rona_core.app.steps.scan.landmarks.step import LANDMARKS, verified_first
 from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.surface.derivation import SURFACE
-from rona_core.session.document import SecondPass, Session
+from rona_core.session.document import Session
 
 
 def _partial(session: Session) -> str | None:
     cut = partial_reason(REGISTRY.lines["scan"], session)
     return None if cut is None else f"the maps cover only part of the path: {cut}"
-
-
-def judge_pass(planned: SecondPass, session: Session) -> Judgement:
-    """Return whether the robot can follow a planned further pass."""
-    reason = why_no_plan(planned.plan)
-    if reason is None:
-        return USABLE
-    return Judgement("bad", reason, Remedy("plan the second pass with less tilt (step 9)"))
 
 
 def _summary(session: Session) -> str:
@@ -64,7 +60,7 @@ STEP = declare.Step(
         declare.Activity(
             StartGapPlan,
             compute,
-            "Planning the second pass",
+            "Planning the tilted passes",
             needs=(SCAN, SURFACE, MAPS),
         ),
         declare.Activity(
@@ -74,10 +70,11 @@ STEP = declare.Step(
                     "second", lambda _, session, context: capture_scan(session, context, "second")
                 )
             ),
-            "Scanning the gaps",
+            "Scanning with the probe tilted",
             needs=(SECOND, LANDMARKS),
             drives_robot=True,
             makes=("second",),
+            blocked=all_scanned,
         ),
         declare.Activity(
             StartComparison,
@@ -89,7 +86,7 @@ STEP = declare.Step(
     captures=(
         declare.Capture(
             "second",
-            "scan the gaps again (step 9)",
+            "scan with the probe tilted (step 9)",
             (
                 parts.robot,
                 parts.robot_errors,
@@ -102,6 +99,7 @@ STEP = declare.Step(
             ),
             after=SCAN,
             place=with_pass,
+            judged=judge_passes,
             adds=True,
             stored=forget_corrections,
         ),
@@ -119,8 +117,8 @@ STEP = declare.Step(
             "second",
             StartGapPlan,
             plan_gaps,
-            "plan the second pass (step 9)",
-            judged=judge_pass,
+            "plan the tilted passes (step 9)",
+            judged=judge_plan,
             recompute=plan_gaps_again,
         ),
         replace(

@@ -153,7 +153,8 @@ def capture_scan(
     first, second = session.results.roll, session.results.second
     plan = None if first is None else first.value
     if kind == "second":
-        plan = None if second is None else second.value.plan
+        planned = None if second is None else second.value.next_pass(session.captures.second)
+        plan = None if planned is None else planned.plan
     if plan is None or plan.trajectory is None or plan.certificate is None:
         raise NotReachableError("there is no path that the robot can traverse: see step 7")
     devices, trajectory = session.setup.devices, plan.trajectory

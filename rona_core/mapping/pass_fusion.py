@@ -1,0 +1,91 @@
+"""Fusion of several passes over one region: the offset of each pass, and agreement between them.
+
+A pass is off as a whole by what is not known of its stand-off and by what the links of the robot
+err by in its postures. Where two passes show the inner boundary side by side, they show by how much
+they differ. An A-scan then counts where it agrees with the median of those around it: a step within
+the bone, or a cycle of the echo, differs from one tilt of the probe to the next, the boundary does
+not. See docs/algorithms/maps/tilted_passes.md.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
+from rona_core.geometry.robust import MAD_TO_SIGMA
+
+PAIR_MM = 1.5  # A-scans of two passes this close are compared
+AROUND_MM = 3.0  # those this close are asked whether they agree
+AGREEING_MM = 0.7  # with their median
+LEAST_AROUND = 3  # A-scans, itself among them
+LEAST_PAIRS = 10  # fewer say nothing of two passes
+FACE_MM = 6.0  # A-scans within one face hear the same bone and err alike
+LEAST_SPREAD_MM = 0.05  # of two passes
+# One standard deviation, before passes are compared: an upright pass measures its stand-off itself,
+# that of a tilted one comes from the map and from the poses of the robot in other postures.
+UPRIGHT_MM, TILTED_MM = 0.02, 0.3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PassFusion:
+    """How the depths of several passes fit together."""
+
+    agreeing: Bools  # (n,) sure A-scans that agree with those around
+    offsets_mm: Floats  # (p,) by which each pass places the inner boundary too deep
+    sigma_mm: Floats  # (p,) of these
+
+
+def fuse_passes(
+    places_mm: Floats, depths_mm: Floats, sure: Bools, numbers: Ints, count: int
+) -> PassFusion:
+    """Return the offset of each pass, and which A-scans agree with those around once it is gone.
+
+    Args:
+        places_mm: Of the inner boundary in the plane of the map (n, 2).
+        depths_mm: Of the inner boundary below the outer map (n,).
+        sure: Which A-scans count (n,).
+        numbers: The pass of each (n,), from 0; 0 is the upright one.
+        count: Of passes.
+    """
+    rows = np.flatnonzero(sure)
+    places, depths, passes = places_mm[rows], depths_mm[rows], numbers[rows]
+    offsets, sigma = _offsets(places, depths, passes, count)
+    agreeing = np.zeros(len(sure), dtype=np.bool_)
+    if len(rows):
+        depths = depths - offsets[passes]
+        around = KDTree(places).query_ball_point(places, AROUND_MM)
+        agreeing[rows] = [
+            len(near) >= LEAST_AROUND and abs(depth - np.median(depths[near])) <= AGREEING_MM
+            for depth, near in zip(depths, around, strict=True)
+        ]
+    return PassFusion(readonly(agreeing), readonly(offsets), readonly(sigma))
+
+
+def _offsets(places: Floats, depths: Floats, passes: Ints, count: int) -> tuple[Floats, Floats]:
+    """Return the offset of each pass (p,) and its sigma: least squares over all pairs of passes."""
+    prior = np.where(np.arange(count) == 0, UPRIGHT_MM, TILTED_MM)
+    normal, right = np.diag(prior**-2.0), np.zeros(count)
+    trees = [KDTree(places[passes == k]) if (passes == k).any() else None for k in range(count)]
+    for i, tree in enumerate(trees):
+        for j in range(i + 1, count):
+            other = trees[j]
+            if tree is None or other is None:
+                continue
+            pairs = tree.query_ball_tree(other, PAIR_MM)
+            near = np.repeat(np.arange(len(pairs)), [len(found) for found in pairs])
+            if len(near) < LEAST_PAIRS:
+                continue
+            there = np.array([k for found in pairs for k in found], dtype=np.int64)
+            mine, theirs = np.flatnonzero(passes == i)[near], np.flatnonzero(passes == j)[there]
+            off = depths[mine] - depths[theirs]
+            middle = float(np.median(off))
+            spread = max(MAD_TO_SIGMA * float(np.median(np.abs(off - middle))), LEAST_SPREAD_MM)
+            faces = len(np.unique(np.floor(places[mine] / FACE_MM), axis=0))
+            weight = faces / spread**2
+            sides = np.zeros(count)
+            sides[i], sides[j] = 1.0, -1.0
+            normal += weight * np.outer(sides, sides)
+            right += weight * middle * sides
+    covariance = np.linalg.inv(normal)
+    return covariance @ right, np.sqrt(np.diag(covariance))
