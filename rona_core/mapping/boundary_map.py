@@ -71,6 +71,10 @@ class Maps:
     inner: BoundaryMap
     fused: BoundaryMap  # outer boundary from ultrasound and pointer together
     cloud_fit: CloudFit | None  # None where the pointer cloud does not overlap the map
+    # (p,) by which each pass had placed the inner boundary too deep, taken out of its points
+    offsets_mm: Floats | None = field(default=None, metadata={"omit_empty": True})
+    # standard deviation of what is left of these in the mean of all A-scans that are used
+    offset_sigma_mm: float = field(default=0.0, metadata={"omit_empty": True})
 
     def seen_from(self, T_a_b: Pose) -> "Maps":
         """Return maps that are given in frame b as they are in frame a."""

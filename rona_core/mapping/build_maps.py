@@ -14,7 +14,7 @@ from rona_core.mapping.cloud_fusion import CloudPrior, fuse_cloud
 from rona_core.mapping.fitting.hampel_filter import agreeing
 from rona_core.mapping.fitting.plate_field import PlateField, fit_field, plate_through
 from rona_core.mapping.map_grid import NEAR_MM, MapGrid
-from rona_core.mapping.pass_fusion import fuse_passes
+from rona_core.mapping.pass_fusion import PassFusion, fuse_passes
 from rona_core.mapping.scanned_area import require_area, require_share
 from rona_core.ultrasound.detection.detect import Detection
 from rona_core.ultrasound.detection.single.matched_filter import block_template
@@ -185,13 +185,15 @@ def add_inner_map(
         outer_base = np.vstack((outer_base, second_outer - late))
         inner_base = np.vstack((inner_base, second_inner - late))
         usable = np.concatenate((usable, second.detection.flag == 0))
-    into_map = outer.grid.T_base_map.inv()
-    places_map, inner_map = into_map @ outer_base, into_map @ inner_base
-    passes = np.zeros(len(found.detection), dtype=np.int64)
-    if second is not None:
-        further = np.zeros(len(second.detection), dtype=np.int64)
-        passes = np.concatenate((passes, 1 + (further if second.passes is None else second.passes)))
-    inner, inner_used = _inner(usable, places_map, inner_map, passes, outer)
+    T_base_map = outer.grid.T_base_map
+    places_map, inner_map = T_base_map.inv() @ outer_base, T_base_map.inv() @ inner_base
+    fusion = None if second is None else _fused_passes(usable, inner_map, found, second, outer)
+    if fusion is None:
+        used = _agreeing_depths(usable, inner_map, outer)
+    else:
+        used, inner_map = fusion.agreeing, fusion.corrected(inner_map)
+        inner_base = T_base_map @ inner_map
+    inner, inner_used = _inner(used, places_map, inner_map, outer)
     return Maps(
         outer_points_base=readonly(outer_base),
         inner_points_base=readonly(inner_base),
@@ -201,6 +203,8 @@ def add_inner_map(
         inner=inner,
         fused=outer.fused,
         cloud_fit=outer.cloud_fit,
+        offsets_mm=None if fusion is None else fusion.offsets_mm,
+        offset_sigma_mm=0.0 if fusion is None else fusion.sigma_mm,
     )
 
 
@@ -249,27 +253,43 @@ def _agreeing_among(usable: Bools, points_map: Floats) -> Bools:
     return used
 
 
+def _fused_passes(
+    usable: Bools,
+    inner_map: Floats,
+    found: LocatedDetection,
+    second: LocatedDetection,
+    outer: OuterMaps,
+) -> PassFusion:
+    """Return how the depths of the first pass and of further ones fit together."""
+    further = np.zeros(len(second.detection), np.int64) if second.passes is None else second.passes
+    passes = np.concatenate((np.zeros(len(found.detection), np.int64), 1 + further))
+    depths = outer.plate.heights(inner_map[:, :2]) - inner_map[:, 2]
+    return fuse_passes(inner_map[:, :2], depths, usable, passes)
+
+
+def _agreeing_depths(usable: Bools, inner_map: Floats, outer: OuterMaps) -> Bools:
+    """Return which depths below the outer map agree with their neighbours."""
+    if np.count_nonzero(usable) < LEAST_SAMPLES:
+        return usable
+    depths = np.zeros(len(usable))
+    depths[usable] = outer.plate.heights(inner_map[usable, :2]) - inner_map[usable, 2]
+    return _agreeing_among(usable, np.column_stack((inner_map[:, :2], depths)))
+
+
 def _inner(
-    usable: Bools, places_map: Floats, inner_map: Floats, passes: Ints, outer: OuterMaps
+    used: Bools, places_map: Floats, inner_map: Floats, outer: OuterMaps
 ) -> tuple[BoundaryMap, Bools]:
     """Map what lies between the boundaries and subtract it, so that they never cross.
 
     It is mapped where A-scans entered the bone (n, 3), like the outer boundary.
     """
     grid, heights = outer.grid, outer.outer.height_mm
-    used, below = usable, np.zeros(len(usable))
-    if np.count_nonzero(usable) >= LEAST_SAMPLES:
-        below[usable] = outer.plate.heights(inner_map[usable, :2]) - inner_map[usable, 2]
-        if passes.any():
-            fused = fuse_passes(inner_map[:, :2], below, usable, passes, int(passes.max()) + 1)
-            used, below = fused.agreeing, below - fused.offsets_mm[passes]
-        else:
-            used = _agreeing_among(usable, np.column_stack((inner_map[:, :2], below)))
     if np.count_nonzero(used) < LEAST_SAMPLES:
         nothing = np.zeros(grid.shape, dtype=np.bool_)
         flat = grid.with_heights(heights - LEAST_THICKNESS_MM, nothing)
-        return flat, np.zeros(len(usable), dtype=np.bool_)
-    between = fit_field(inner_map[used, :2], below[used])
+        return flat, np.zeros(len(used), dtype=np.bool_)
+    below = outer.plate.heights(inner_map[used, :2]) - inner_map[used, 2]
+    between = fit_field(inner_map[used, :2], below)
     depth = np.maximum(between.heights(grid.places), LEAST_THICKNESS_MM).reshape(grid.shape)
     ok = grid.near(places_map[used])
     return grid.with_heights(heights - depth, ok), used

@@ -32,38 +32,45 @@ class PassFusion:
     """How the depths of several passes fit together."""
 
     agreeing: Bools  # (n,) sure A-scans that agree with those around
+    passes: Ints  # (n,) the pass of each
     offsets_mm: Floats  # (p,) by which each pass places the inner boundary too deep
-    sigma_mm: Floats  # (p,) of these
+    sigma_mm: float  # of what is left of these in the mean of all that agree
+
+    def corrected(self, points_map: Floats) -> Floats:
+        """Return points of the inner boundary (n, 3) in ``map`` without the offsets."""
+        up = np.zeros(points_map.shape)
+        up[:, 2] = self.offsets_mm[self.passes]
+        return points_map + up
 
 
-def fuse_passes(
-    places_mm: Floats, depths_mm: Floats, sure: Bools, numbers: Ints, count: int
-) -> PassFusion:
+def fuse_passes(places_mm: Floats, depths_mm: Floats, sure: Bools, passes: Ints) -> PassFusion:
     """Return the offset of each pass, and which A-scans agree with those around once it is gone.
 
     Args:
         places_mm: Of the inner boundary in the plane of the map (n, 2).
         depths_mm: Of the inner boundary below the outer map (n,).
         sure: Which A-scans count (n,).
-        numbers: The pass of each (n,), from 0; 0 is the upright one.
-        count: Of passes.
+        passes: The pass of each (n,), from 0; 0 is the upright one.
     """
     rows = np.flatnonzero(sure)
-    places, depths, passes = places_mm[rows], depths_mm[rows], numbers[rows]
-    offsets, sigma = _offsets(places, depths, passes, count)
+    places, depths, numbers = places_mm[rows], depths_mm[rows], passes[rows]
+    offsets, covariance = _offsets(places, depths, numbers, int(passes.max(initial=0)) + 1)
     agreeing = np.zeros(len(sure), dtype=np.bool_)
     if len(rows):
-        depths = depths - offsets[passes]
+        depths = depths - offsets[numbers]
         around = KDTree(places).query_ball_point(places, AROUND_MM)
         agreeing[rows] = [
             len(near) >= LEAST_AROUND and abs(depth - np.median(depths[near])) <= AGREEING_MM
             for depth, near in zip(depths, around, strict=True)
         ]
-    return PassFusion(readonly(agreeing), readonly(offsets), readonly(sigma))
+    counts = np.bincount(passes[agreeing], minlength=len(offsets))
+    shares = counts / max(int(counts.sum()), 1)
+    sigma_mm = float(np.sqrt(shares @ covariance @ shares))
+    return PassFusion(readonly(agreeing), passes, readonly(offsets), sigma_mm)
 
 
 def _offsets(places: Floats, depths: Floats, passes: Ints, count: int) -> tuple[Floats, Floats]:
-    """Return the offset of each pass (p,) and its sigma: least squares over all pairs of passes."""
+    """Return the offset of each pass (p,) and their covariance: least squares over all pairs."""
     prior = np.where(np.arange(count) == 0, UPRIGHT_MM, TILTED_MM)
     normal, right = np.diag(prior**-2.0), np.zeros(count)
     trees = [KDTree(places[passes == k]) if (passes == k).any() else None for k in range(count)]
@@ -87,5 +94,5 @@ def _offsets(places: Floats, depths: Floats, passes: Ints, count: int) -> tuple[
             sides[i], sides[j] = 1.0, -1.0
             normal += weight * np.outer(sides, sides)
             right += weight * middle * sides
-    covariance = np.linalg.inv(normal)
-    return covariance @ right, np.sqrt(np.diag(covariance))
+    covariance = np.asarray(np.linalg.inv(normal), dtype=np.float64)
+    return covariance @ right, covariance

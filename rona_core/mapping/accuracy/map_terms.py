@@ -46,6 +46,8 @@ from rona_core.ultrasound.probe.probe_model import probe_model
 
 SPEED = "speed of sound of the patient"
 CLOUD = "cloud of the pointer"
+BETWEEN_PASSES = "offsets between passes"
+MORE_PASSES = "plan further passes with the probe tilted (step 9)"
 POINTS = "measure the bone at three reference points (step 9)"
 
 
@@ -159,7 +161,7 @@ def map_terms(
             remedy=POINTS,
             reach_mm=LOCAL_LENGTH_MM,
         ),
-        *place.between_passes(maps),
+        ErrorTerm(BETWEEN_PASSES, shared_mm=maps.offset_sigma_mm, remedy=MORE_PASSES),
     )
     return MapTerms(of_place, front, silent_around, rough, fused, depth)
 

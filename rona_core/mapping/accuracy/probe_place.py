@@ -16,7 +16,7 @@ from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.mapping.cloud_fusion import CloudPrior
 from rona_core.mapping.probe_poses import ProbePostures
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.robot.kinematics.link_errors import ROBOT_ACCURACY_MM, alike, tip_sensitivities
+from rona_core.robot.kinematics.link_errors import ROBOT_ACCURACY_MM, tip_sensitivities
 from rona_core.ultrasound.acoustic_calibration.delay_line import NOMINAL_PER_K
 from rona_core.ultrasound.acoustic_calibration.probe_mounting import ProbeMounting
 from rona_core.ultrasound.probe.materials import GEL
@@ -36,7 +36,6 @@ COUPLING_MM = 0.01  # film and speed of the gel under the face
 WIDE_MM = 30.0  # what changes evenly over a whole map hangs together so far
 TURN_ARM_MM = 100.0  # what errs by a millimetre over a shorter way turns a cloud by more
 GAUGE = "record the probe on the gauge plate (step 8)"
-OTHER_POSTURE = "another posture in a further pass"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +45,6 @@ class ProbePlace:
     terms: tuple[ErrorTerm, ...]  # the same in all cells
     model: str | None = None  # of the robot; None: a hand
     qs_rad: Floats | None = None  # (n, 6) postures of the first pass
-    further_rad: Floats | None = None  # (m, 6) those of further passes
 
     def of_cells(self, maps: Maps) -> tuple[ErrorTerm, ...]:
         """Return the terms over the grid of maps."""
@@ -54,16 +52,10 @@ class ProbePlace:
             return self.terms
         return (*self.terms, _links(self.model, self.qs_rad, maps))
 
-    def between_passes(self, maps: Maps) -> tuple[ErrorTerm, ...]:
-        """Return what the inner boundary errs by where a further pass had another posture."""
-        if self.model is None or self.qs_rad is None or self.further_rad is None:
-            return ()
-        return _between_passes(self.model, self.qs_rad, self.further_rad, maps)
-
 
 def robot_place(
     robot: str,
-    postures: tuple[ProbePostures | None, ...],
+    postures: ProbePostures | None,
     probe: ProbeModel,
     mounting: ProbeMounting | None,
     line_sigma_us: float | None,
@@ -73,7 +65,7 @@ def robot_place(
 
     Args:
         robot: Its model.
-        postures: Of the first pass and of further ones.
+        postures: Of the first pass.
         probe: As it is known.
         mounting: Found on the gauge plate.
         line_sigma_us: Of a line that was calibrated on the block.
@@ -103,9 +95,7 @@ def robot_place(
         seat,
         line,
     )
-    first, *further = (None if one is None else one.qs_rad for one in postures)
-    known = [qs_rad for qs_rad in further if qs_rad is not None]
-    return ProbePlace(terms, robot, first, np.concatenate(known) if known else None)
+    return ProbePlace(terms, robot, None if postures is None else postures.qs_rad)
 
 
 def repeatability_mm(robot: str) -> float:
@@ -163,35 +153,6 @@ def hand_place(
             for cause, sigma_mm in sigmas_mm
         )
     )
-
-
-def _between_passes(
-    name: str, first_rad: Floats, further_rad: Floats, maps: Maps
-) -> tuple[ErrorTerm, ...]:
-    """Return the effect of other errors of the links on cells of a further pass.
-
-    Nothing where its postures are like those of the first pass next to it.
-    """
-    n, T_map_base = len(first_rad), maps.outer.T_base_map.inv()
-    points = (T_map_base @ maps.outer_points_base)[:, :2]
-    further_rad = further_rad[: len(points) - n]  # later passes are not in the maps yet
-    if len(points) != n + len(further_rad):
-        return ()
-    beside_rad = first_rad[KDTree(points[:n]).query(points[n:])[1]]
-    off_mm = np.zeros(len(points))
-    turned = ~alike(further_rad, beside_rad)
-    if not (maps.inner_used[n:] & turned).any():
-        return ()
-    model = robot_model(name)
-    axes = (model.forward(further_rad) @ model.T_flange_probe).rotations[:, :, 2]
-    both_rad = np.concatenate((further_rad, beside_rad))
-    rows = tip_sensitivities(model, both_rad, -np.tile(axes, (2, 1)), ROBOT_ACCURACY_MM)
-    further, beside = np.split(rows, 2)
-    off_mm[n:] = np.where(turned, np.linalg.norm(further - beside, axis=1), 0.0)
-    used = maps.inner_used
-    shared_mm = off_mm[used][_nearest(points[used], maps.inner)].reshape(maps.inner.ok.shape)
-    remedy = "undo that pass and scan the gaps again"
-    return (ErrorTerm(OTHER_POSTURE, shared_mm=shared_mm, remedy=remedy),)
 
 
 def _nearest(places: Floats, boundary: BoundaryMap) -> Ints:

@@ -12,7 +12,6 @@ from rona_core.app.dependencies.staleness import made_of, required, result_input
 from rona_core.app.steps.acoustics.derivation import DETECTION, KNOWN_LINE
 from rona_core.app.steps.acoustics.thickness_uncertainty import speed_of_maps
 from rona_core.app.steps.maps.error_budget import ErrorBudget, error_budgets
-from rona_core.app.steps.maps.further_passes import Passes
 from rona_core.app.steps.maps.inputs import AGAIN, CLOUD_PRIOR, EDITS, MAPS
 from rona_core.app.steps.scan.derivation import HEAD, KNOWN_MOUNTING, PLACES, SCAN, ProbePlaces
 from rona_core.app.steps.setup.capture_parts import MODEL, PROBE, TRACKER_PROFILE
@@ -43,9 +42,6 @@ MOST_DRAWS = 1000
 
 SONO_MAPS: Input[SonoMaps] = result_input("sono_maps")
 HELD_AGAIN: Input[Detection] = Input(AGAIN.read, "detect the boundaries", optional=True)
-ALL_PASSES: Input[Passes] = Input(
-    lambda s: s.captures.second, "scan with the probe tilted (step 9)", optional=True
-)
 SPEED_OF_MAPS: Input[SpeedCalibration] = Input(
     speed_of_maps, "calibrate the speed (step 9)", optional=True
 )
@@ -69,8 +65,8 @@ _hand_place = remember(4)(hand_place)
 _map_terms, _accuracy = remember(2)(map_terms), remember(4)(accuracy_of)
 
 
-def _postures(scan: ScanCapture, passes: Passes, places: ProbePlaces) -> tuple[ProbePostures, ...]:
-    return tuple(places.postures(taken) for taken in (scan, *passes))
+def _postures(scan: ScanCapture, places: ProbePlaces) -> ProbePostures:
+    return places.postures(scan)
 
 
 def _line_sigma_us(probe: ProbeSettings, line: DelayLine | None) -> float | None:
@@ -115,9 +111,7 @@ ROBOT_PLACE: Quantity[ProbePlace] = Quantity(
     remember(4)(robot_place),
     {
         "robot": MODEL,
-        "postures": Quantity(
-            _postures, {"capture": SCAN, "further passes": ALL_PASSES, "places": PLACES}
-        ),
+        "postures": Quantity(_postures, {"capture": SCAN, "places": PLACES}),
         "model of the probe": Quantity(probe_model, {"probe": PROBE}),
         "mounting": KNOWN_MOUNTING,
         "delay": Quantity(_line_sigma_us, {"probe": PROBE, "line": KNOWN_LINE}, optional=True),

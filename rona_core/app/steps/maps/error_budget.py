@@ -9,7 +9,7 @@ import numpy as np
 from rona_core.app.declarations.figures import FIGURES
 from rona_core.mapping.accuracy.error_terms import CellSigma
 from rona_core.mapping.accuracy.map_accuracy import MapAccuracy
-from rona_core.mapping.accuracy.probe_place import OTHER_POSTURE
+from rona_core.mapping.accuracy.map_terms import BETWEEN_PASSES
 
 TIMING = "time of flight"
 
@@ -52,7 +52,7 @@ THICKNESS = (
         ("interpolation", "no inner echo", "roughness within the beam"),
         "thickness_by_interpolation_mm",
     ),
-    Group((OTHER_POSTURE,)),
+    Group((BETWEEN_PASSES,)),
 )
 
 
