@@ -14,9 +14,9 @@ from rona_core.mapping.cloud_fusion import CloudPrior, fuse_cloud
 from rona_core.mapping.fitting.hampel_filter import agreeing
 from rona_core.mapping.fitting.plate_field import PlateField, fit_field, plate_through
 from rona_core.mapping.map_grid import NEAR_MM, MapGrid
-from rona_core.mapping.pass_fusion import PassFusion, fuse_passes
+from rona_core.mapping.pass_fusion import LIKELY, PassFusion, fuse_passes
 from rona_core.mapping.scanned_area import require_area, require_share
-from rona_core.ultrasound.detection.detect import Detection
+from rona_core.ultrasound.detection.detect import OK, UNSURE, Detection
 from rona_core.ultrasound.detection.single.matched_filter import block_template
 from rona_core.ultrasound.probe.beam import probe_beam
 from rona_core.ultrasound.probe.materials import GEL
@@ -180,18 +180,19 @@ def add_inner_map(
     inner_base = found.points()[1] - outer.correction_mm
     usable = np.asarray(detection.outer_ok & detection.inner_ok & (detection.flag == 0))
     if second is not None:
+        usable = np.concatenate((_likely(detection), _likely(second.detection)))
         late = outer.late_mm * second.Ts_base_probe.rotations[:, :, 2]
         second_outer, second_inner = second.points()
         outer_base = np.vstack((outer_base, second_outer - late))
         inner_base = np.vstack((inner_base, second_inner - late))
-        usable = np.concatenate((usable, second.detection.flag == 0))
     T_base_map = outer.grid.T_base_map
     places_map, inner_map = T_base_map.inv() @ outer_base, T_base_map.inv() @ inner_base
     fusion = None if second is None else _fused_passes(usable, inner_map, found, second, outer)
     if fusion is None:
         used = _agreeing_depths(usable, inner_map, outer)
     else:
-        used, inner_map = fusion.agreeing, fusion.corrected(inner_map)
+        inner_map = fusion.corrected(inner_map)
+        used = _agreeing_depths(fusion.agreeing, inner_map, outer)
         inner_base = T_base_map @ inner_map
     inner, inner_used = _inner(used, places_map, inner_map, outer)
     return Maps(
@@ -251,6 +252,15 @@ def _agreeing_among(usable: Bools, points_map: Floats) -> Bools:
     used = usable.copy()
     used[usable] = agreeing(points_map[usable, :2], points_map[usable, 2])
     return used
+
+
+def _likely(found: Detection) -> Bools:
+    """Return which A-scans count in a fusion of passes, those unsure by themselves among them.
+
+    What was set by hand keeps its flag.
+    """
+    seen = np.isin(found.flag, (OK, UNSURE)) & (found.inner_quality >= LIKELY)
+    return np.asarray(found.outer_ok & ((found.flag == OK) | seen))
 
 
 def _fused_passes(

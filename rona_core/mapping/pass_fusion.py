@@ -17,7 +17,8 @@ from rona_core.geometry.robust import MAD_TO_SIGMA
 
 PAIR_MM = 1.5  # A-scans of two passes this close are compared
 AROUND_MM = 3.0  # those this close are asked whether they agree
-AGREEING_MM = 0.7  # with their median
+AGREEING_MM = 0.5  # with their median
+LIKELY = 0.6  # probability from which on an inner echo counts where several passes look
 LEAST_AROUND = 3  # A-scans, itself among them
 LEAST_PAIRS = 10  # fewer say nothing of two passes
 FACE_MM = 6.0  # A-scans within one face hear the same bone and err alike

@@ -26,7 +26,6 @@ from rona_core.ultrasound.detection.single.front_echo import fronts_found, stand
 from rona_core.ultrasound.detection.single.inner_echo import InnerEchoes
 from rona_core.ultrasound.detection.single.matched_filter import BONE_REFLECTION
 from rona_core.ultrasound.detection.single.time_of_flight import Fisher, amplitude_bound
-from rona_core.ultrasound.detection.spatial.agreement import DOUBTED, refused_around
 from rona_core.ultrasound.detection.spatial.candidate_selection import select_inner_echoes
 from rona_core.ultrasound.detection.spatial.detectability import possible_steps
 from rona_core.ultrasound.detection.spatial.neighbours import Links, scan_links
@@ -52,7 +51,7 @@ FRONT_LEVEL = 0.25  # of perfect contact; below it the probe is tilted too far
 SURE = 0.8  # probability from which on an inner boundary counts
 LEAST_SURE_SHARE = 0.02  # of the A-scans of a survey, of which at least this share must be sure
 MANY = 100  # A-scans that make a survey
-STEP_QUALITY = 0.5  # of one that the step from table to diploe explains as well
+DOUBTED = 0.5  # quality of what the step from table to diploe explains as well
 SPEEDS_MM_PER_US = (1.5, 4.5)
 OUTER_FLOOR_MM = 0.008  # roughness, film and curvature spread the outer boundary by as much
 WRONG_MM = 1.0  # an inner boundary further off is wrong; quality is the chance that it is not
@@ -140,7 +139,10 @@ def detect(
     bone = nominal_bone(sound_speed_mm_per_us, 1.0 if bone_loss is None else bone_loss)
     found = look.found(bone, _part(progress, started, 1.0), cancel)
     progress(1.0)
-    return replace(_agreed(_judged(survey, method, bone, *found), look), bone_loss=bone_loss)
+    judged = _judged(survey, method, bone, *found)
+    if method == "subtract" and not has_inner_echoes(judged):
+        judged = doubted(judged, judged.inner_ok)
+    return replace(judged, bone_loss=bone_loss)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -177,15 +179,6 @@ def _learned(
         if learned is not None:
             return learned
     return None
-
-
-def _agreed(found: Detection, look: _Look) -> Detection:
-    """Return a detection without what most of those around refuse that show the same boundary."""
-    if look.method != "subtract":
-        return found
-    seen = ~np.isin(found.flag, (NO_FRONT, NO_INNER))
-    found = doubted(found, refused_around(found.thickness_mm, seen, found.inner_ok, look.links))
-    return found if has_inner_echoes(found) else doubted(found, found.inner_ok)
 
 
 def has_inner_echoes(found: Detection) -> bool:
@@ -254,7 +247,7 @@ def _judged(
     ).astype(np.int64)
     if method == "subtract":
         steps = possible_steps(thickness, flag == OK, probe)
-        flag, quality = np.where(steps, UNSURE, flag), np.where(steps, STEP_QUALITY, quality)
+        flag, quality = np.where(steps, UNSURE, flag), np.where(steps, DOUBTED, quality)
     outer_us = probe.line_delay_us + front.delay_us
     return Detection(
         outer_us=readonly(outer_us),

@@ -17,7 +17,6 @@ from rona_core.ultrasound.detection.single.front_echo import (
 from rona_core.ultrasound.detection.single.inner_echo import (
     Candidates,
     find_candidates,
-    merged_levels,
 )
 from rona_core.ultrasound.detection.single.matched_filter import (
     Template,
@@ -43,7 +42,6 @@ class Echoes:
     candidates: Candidates
     log_likelihood: Floats  # (n, m) ratio for an inner echo at each depth of `inner_grid_mm`
     snr: Floats  # (n, m) level over the noise there
-    merged: Floats  # (n,) level of what follows the front at once, see `merged_levels`
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,8 +101,7 @@ def _search_block(cleared: Cleared, rows: slice, bone: Material) -> Echoes:
     template, noise, aligned = cleared.template, cleared.noise[rows], cleared.aligned[rows]
     fronts = rows_of(cleared.fronts, rows)
     candidates, log_likelihood, snr = find_candidates(cleared.behind[rows], noise, template, bone)
-    merged = merged_levels(aligned, fronts, template, bone)
-    return Echoes(template, noise, aligned, fronts, candidates, log_likelihood, snr, merged)
+    return Echoes(template, noise, aligned, fronts, candidates, log_likelihood, snr)
 
 
 def _blocks(n: int, progress: Progress, cancel: Cancel) -> Iterator[slice]:

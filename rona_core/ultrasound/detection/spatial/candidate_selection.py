@@ -13,7 +13,6 @@ from rona_core.ultrasound.detection.single.inner_echo import (
     Candidates,
     InnerEchoes,
     inner_grid_mm,
-    thick_enough,
 )
 from rona_core.ultrasound.detection.single.matched_filter import joined, rows_of
 from rona_core.ultrasound.detection.single.time_of_flight import (
@@ -22,7 +21,6 @@ from rona_core.ultrasound.detection.single.time_of_flight import (
     choose_cycles,
     fit_inner,
 )
-from rona_core.ultrasound.detection.spatial.detectability import spread_along_interface
 from rona_core.ultrasound.detection.spatial.neighbours import Links, predict_lags
 from rona_core.ultrasound.detection.spatial.track_before_detect import (
     APART_MM,
@@ -197,11 +195,9 @@ def select_inner_echoes(echoes: Echoes, bone: Material, links: Links) -> InnerEc
     second = np.argmax(others, axis=1)
     fits = _fitted(echoes, best, bone)
     lag, sigma = _timed(fits, confidence, bone, template.probe, links)
-    behind = spread_along_interface(behind, depth, found, links, template.probe)
     doubted = np.clip(DOUBT[0] - DOUBT[1] * behind[rows, best], 0.0, 1.0)
-    thick = thick_enough(echoes.merged, found.level[rows, best])
     moved = np.abs(lag - fits.envelope_us) > MOVED_CYCLES * fits.period_us
-    confidence = np.where(moved, MOVED, 1.0) * np.minimum(np.minimum(confidence, doubted), thick)
+    confidence = np.where(moved, MOVED, 1.0) * np.minimum(confidence, doubted)
     return InnerEchoes(
         lag_us=lag,
         confidence=confidence,

@@ -13,7 +13,6 @@ bone that the probe sees, there is no such step.
 import numpy as np
 
 from rona_core.geometry.arrays import Bools, Floats, Ints
-from rona_core.ultrasound.detection.single.inner_echo import Candidates
 from rona_core.ultrasound.detection.spatial.neighbours import Links
 from rona_core.ultrasound.probe.materials import Material
 from rona_core.ultrasound.probe.probe_model import ProbeModel
@@ -31,9 +30,6 @@ DROWNED = 0.5  # share of sure A-scans below which steps are expected,
 SHALLOW = 0.5  # at less than this share of the depth of the others,
 DEEP = 0.2  # if those are at least this share of the sure ones
 SAME_MM = 1.0  # neighbours closer than this in thickness show the same boundary
-INTERFACE_MM = 0.5  # an interface changes its depth by no more than this between A-scans around,
-FAINTER = 0.5  # and is at least this loud, relative to the level here
-INTERFACE_ROUNDS = 4  # of asking those around, who have asked those around them: about 10 mm
 
 
 def detectability(
@@ -90,39 +86,3 @@ def within_table(depth_mm: Floats, probe: ProbeModel) -> Floats:
     least, most = OUTER_SHARE
     too_deep = (depth_mm / probe.max_thickness_mm - least) / (most - least)
     return np.asarray(1.0 - np.clip(too_deep, 0.0, 1.0), dtype=np.float64)
-
-
-def spread_along_interface(
-    behind: Floats, depth_mm: Floats, candidates: Candidates, links: Links, probe: ProbeModel
-) -> Floats:
-    """Return how sure (n, k) a boundary lies behind each candidate, here or along its interface.
-
-    The step from table to diploe goes on from place to place. Where the inner boundary leans away
-    or drowns in noise, nothing is seen behind the step. But the same interface, a few millimetres
-    on, has the inner boundary behind it, and is not the last one here either.
-
-    Args:
-        behind: How sure that is in each place (n, k).
-        depth_mm: Of the candidates (n, k).
-        candidates: The candidates.
-        links: Who is around whom.
-        probe: What is deeper than any outer table that it sees is no such step.
-    """
-    n, k = depth_mm.shape
-    nearest: list[Ints] = []  # number of the candidate there, among all of the survey
-    alike: list[Bools] = []
-    for sources in links.around:
-        index = np.maximum(sources, 0)
-        # (n, k, k of the neighbour)
-        gap = np.abs(depth_mm[index][:, None, :] - depth_mm[:, :, None])
-        quiet = candidates.level[index][:, None, :] < FAINTER * candidates.level[:, :, None]
-        gap = np.where(quiet | ~candidates.exists[index][:, None, :], np.inf, gap)
-        column = gap.argmin(axis=2)
-        nearest.append(k * index[:, None] + column)
-        least = np.take_along_axis(gap, column[:, :, None], axis=2)[:, :, 0]
-        alike.append((sources >= 0)[:, None] & (least < INTERFACE_MM))
-    along, same = behind, np.array(alike)
-    for _ in range(INTERFACE_ROUNDS if n else 0):
-        total = along + (same * along.ravel()[np.array(nearest)]).sum(axis=0)
-        along = total / (1 + same.sum(axis=0))
-    return np.maximum(behind, within_table(depth_mm, probe) * along)
