@@ -23,6 +23,7 @@ LEAST_AROUND = 3  # A-scans, itself among them
 LEAST_PAIRS = 10  # fewer say nothing of two passes
 FACE_MM = 6.0  # A-scans within one face hear the same bone and err alike
 LEAST_SPREAD_MM = 0.05  # of two passes
+MEDIAN_LOSS = np.pi / 2.0  # variance of a median over that of a mean
 # One standard deviation, before passes are compared: an upright pass measures its stand-off itself,
 # that of a tilted one comes from the map and from the poses of the robot in other postures.
 UPRIGHT_MM, TILTED_MM = 0.02, 0.3
@@ -71,9 +72,14 @@ def fuse_passes(places_mm: Floats, depths_mm: Floats, sure: Bools, passes: Ints)
 
 
 def _offsets(places: Floats, depths: Floats, passes: Ints, count: int) -> tuple[Floats, Floats]:
-    """Return the offset of each pass (p,) and their covariance: least squares over all pairs."""
+    """Return the offset of each pass (p,) and their covariance: least squares over all pairs.
+
+    Of m passes each is in m - 1 pairs, which are no news of their own: as information of
+    independent A-scans the pairs of one face add up to m / 2 times what they tell.
+    """
     prior = np.where(np.arange(count) == 0, UPRIGHT_MM, TILTED_MM)
     normal, right = np.diag(prior**-2.0), np.zeros(count)
+    several = max(len(np.unique(passes)), 1)
     trees = [KDTree(places[passes == k]) if (passes == k).any() else None for k in range(count)]
     for i, tree in enumerate(trees):
         for j in range(i + 1, count):
@@ -90,7 +96,7 @@ def _offsets(places: Floats, depths: Floats, passes: Ints, count: int) -> tuple[
             middle = float(np.median(off))
             spread = max(MAD_TO_SIGMA * float(np.median(np.abs(off - middle))), LEAST_SPREAD_MM)
             faces = len(np.unique(np.floor(places[mine] / FACE_MM), axis=0))
-            weight = faces / spread**2
+            weight = 2.0 / several * faces / (MEDIAN_LOSS * spread**2)
             sides = np.zeros(count)
             sides[i], sides[j] = 1.0, -1.0
             normal += weight * np.outer(sides, sides)

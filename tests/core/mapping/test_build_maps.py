@@ -115,10 +115,8 @@ def test_a_cell_is_mapped_just_where_an_unflagged_sample_is_near():
     rng, skull = np.random.default_rng(5), WavySkull(35)
     detection, poses = survey(skull, rng, gap=lambda xy: np.hypot(*xy.T) < 6.0)
     maps = build_maps(LocatedDetection(detection, poses))
-    for boundary, points, used in (
-        (maps.outer, maps.outer_points_base, maps.outer_used),
-        (maps.inner, maps.inner_points_base, maps.inner_used),
-    ):
+    points = maps.outer_points_base  # where A-scans entered the bone, for both boundaries
+    for boundary, used in ((maps.outer, maps.outer_used), (maps.inner, maps.inner_used)):
         u, v = np.meshgrid(boundary.u_mm, boundary.v_mm, indexing="ij")
         near = boundary.T_base_map.inv() @ points[used]
         away = np.hypot(u[..., None] - near[:, 0], v[..., None] - near[:, 1]).min(axis=-1)
