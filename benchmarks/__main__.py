@@ -50,6 +50,7 @@ SUITES: Mapping[str, str] = {
     "speed": "procedure",
     "honesty": "honesty",
     "accuracy": "accuracy",
+    "passes": "accuracy",
     "map_ranks": "accuracy",
     "implant": "implant",
     "placement": "implant",

@@ -22,6 +22,7 @@ DEFAULT: Mapping[str, Mapping[str, Any]] = {
         "suites.accuracy.accuracy.SKULL_SEEDS": range(37_840, 37_841),
         "suites.accuracy.accuracy.PLACES": {},
     },
+    "passes": {"suites.accuracy.passes.SEEDS": range(62_000, 62_012)},
     "map_ranks": {
         "suites.accuracy.map_ranks.SEEDS": range(21_000, 21_006),
         "suites.accuracy.map_ranks.SKULL_SEEDS": (),

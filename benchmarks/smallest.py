@@ -253,13 +253,16 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
         "suites.implant.bed_lines.KINDS": ("best lines",),
         "suites.implant.bed_lines.DRAWS": 60,
     },
+    "passes": {
+        "suites.accuracy.passes.SEEDS": (),
+        "suites.accuracy.passes.FILES": (DEMO,),
+    },
     "accuracy": {
         **ONCE,
         "suites.accuracy.accuracy.SEEDS": (),
         "suites.accuracy.accuracy.NOMINAL_SEEDS": (),
         "suites.accuracy.accuracy.SKULL_SEEDS": (),
         "suites.accuracy.accuracy.PLACES": {},
-        "suites.accuracy.accuracy.NEXT_SEEDS": (),
         "suites.accuracy.accuracy.FILES": (DEMO,),
         "suites.accuracy.judged_maps.DRAWS": 10,
         "suites.accuracy.map_cost.PITCH_MM": 10.0,

@@ -21,8 +21,8 @@ NOMINAL_SETUP = Setup(world=NOMINAL_WORLD)  # so that figures compare with those
 PARTS = {  # stage -> part, where it is called otherwise
     "gauge": "gauge plate",
     "detection": "maps",
-    "gaps": "second plan",
-    "second": "second scan",
+    "tilts": "second plan",
+    "tilted": "second scan",
     "caliper": "references",
     "maps": "second maps",
 }

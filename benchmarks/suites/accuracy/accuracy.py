@@ -14,23 +14,20 @@ import numpy as np
 from scipy.stats import chi2
 
 from benchmarks.metric import Metric, Progress
-from benchmarks.suites.accuracy import gap_fusion, map_cost, next_lines
+from benchmarks.suites.accuracy import gap_fusion, map_cost
 from benchmarks.suites.accuracy.judged_maps import judge
 from benchmarks.suites.honesty.judged import INTERVAL, grouped, honesty, rows
 from benchmarks.suites.procedure.procedure import SKULLS, data_folder
 from rona_core.app.steps.maps.accuracy import map_accuracy
 from rona_core.app.steps.maps.error_budget import error_budgets
-from rona_core.app.steps.setup.messages import SetSeed
 from rona_core.compose import (
     SIMULATED,
     DemoSkull,
     build_virtual_rig,
     evaluate_virtual,
-    new_workbench,
     run_demo,
 )
 from rona_core.devices.world_settings import NOMINAL_WORLD, REALISTIC_WORLD, WorldSettings
-from rona_core.errors import RonaError
 from rona_core.evaluation.truth import truth_of
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
@@ -44,7 +41,6 @@ PLACES: Mapping[str, tuple[tuple[float, float, float], ...]] = {
     SKULLS[0]: ((364, -59, 498), (248, -48, 498), (312, -103, 504), (363, -36, 497)),
     SKULLS[1]: ((54, 51, 47), (44, 75, 150), (30, 61, 67), (132, 106, 31)),
 }
-NEXT_SEEDS = range(37_300, 37_304)  # of patients that are scanned again in several ways
 FILES: tuple[Path, ...] = ()  # sessions with virtual devices that count among the realistic
 RATIO_GOAL = (0.7, 1.4)  # of squared errors to predicted variances, near and far from A-scans too
 LEAST_TERM_MM = 0.03  # a cause below this is not judged
@@ -110,7 +106,6 @@ def run(progress: Progress) -> list[Metric]:
         progress(f"{kind}: honesty, fusion and budget")
         metrics += [*_honesty(kind, made), *_fusion(kind, made), *_budget(kind, made)]
     metrics += _honesty(ELSEWHERE, elsewhere)
-    metrics += next_lines.metrics(_scanned_again(progress))
     progress("cost")
     return [*metrics, *map_cost.metrics()]
 
@@ -143,22 +138,6 @@ def _unmapped(kind: str, made: Sequence[Made]) -> Metric:
     """Return how many sessions have no maps, as where too few front echoes came: none is judged."""
     count = sum(not _mapped(one) for one in made)
     return Metric(f"{kind}: sessions without maps, of {len(made)}", count, "", "lower")
-
-
-def _scanned_again(progress: Progress) -> Iterator[next_lines.NextFigures]:
-    """Yield what further lines bring to patients of the realistic world."""
-    for seed in NEXT_SEEDS:
-        progress(f"scanned again, seed {seed}")
-        bench = new_workbench(Session())
-        try:
-            bench.dispatch(SetSeed(seed))
-            found = next_lines.next_figures(bench, seed)
-        except RonaError:
-            found = None  # no maps, so nothing to scan again
-        finally:
-            bench.close()
-        if found is not None:
-            yield found
 
 
 def _sizes(kind: str, made: Sequence[Made]) -> Iterator[Metric]:

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.random import Generator
 
 from benchmarks.metric import Metric, Progress
-from benchmarks.suites.accuracy.next_lines import Rows, closer_rows, random_rows
 from rona_core.app.procedure import stages
 from rona_core.app.runtime.handling import read_inputs
 from rona_core.app.steps.implant.bed_lines import find_bed_lines, hearing_around
@@ -29,7 +29,7 @@ from rona_core.devices.protocols import never, silent
 from rona_core.errors import InvalidInputError, RonaError
 from rona_core.evaluation.map_metrics import residual_mm
 from rona_core.evaluation.truth import truth_of
-from rona_core.geometry.arrays import Floats
+from rona_core.geometry.arrays import Bools, Floats
 from rona_core.mapping.boundary_map import Maps
 from rona_core.planning.further_lines import Hearing
 from rona_core.planning.placement.figures import chance_above
@@ -37,12 +37,14 @@ from rona_core.session.document import Derived, Session
 from rona_core.session.files import load_session
 
 SEEDS = range(42_080, 42_106)
-ONE_PASS = stages("burr", skip=("gaps", "second"))
+ONE_PASS = stages("burr", skip=("tilts", "tilted"))
 FILES: tuple[Path, ...] = ()  # sessions with virtual devices that count as well
 KINDS = ("best lines", "random lines", "even rows over the map", "even rows over the bed")
 DOUBT = 0.9  # P of each bed before
 DRAWS = 400
 ROUNDS = 20  # of finding a limit: halves of its range
+
+Rows = list[tuple[Floats, Floats]]  # start and end of each, in cells
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,3 +209,37 @@ def _in_mm(maps: Maps, rows: Rows) -> tuple[Row, ...]:
         (u, v), (to_u, to_v) = (origin + cell_mm * np.array(row)).tolist()
         made.append(((u, v), (to_u, to_v)))
     return tuple(made)
+
+
+def random_rows(ok: Bools, length_mm: float, generator: Generator) -> Rows:
+    """Return straight lines between mapped cells drawn at random, as long together as wanted.
+
+    Cells are 1 mm wide, as those of the maps are.
+    """
+    cells = np.argwhere(ok).astype(np.float64)
+    rows: Rows = []
+    at, left_mm = cells[generator.integers(len(cells))], length_mm
+    while left_mm > 0.0:
+        to = cells[generator.integers(len(cells))]
+        size = float(np.linalg.norm(to - at))
+        if size < 1.0:
+            continue
+        to = at + (to - at) * min(1.0, left_mm / size)
+        rows.append((at, to))
+        at, left_mm = to, left_mm - size
+    return rows
+
+
+def closer_rows(maps: Maps, length_mm: float) -> Rows:
+    """Return rows to and fro over the whole map, as close as the wanted length allows."""
+    cells = np.argwhere(maps.outer.ok).astype(np.float64)
+    area = len(cells)  # mm², of cells of 1 mm
+    pitch = max(1.0, area / length_mm)
+    rows: Rows = []
+    for k, level in enumerate(np.arange(cells[:, 0].min(), cells[:, 0].max() + 1e-9, pitch)):
+        there = cells[np.abs(cells[:, 0] - round(level)) < 0.5, 1]
+        if not len(there):
+            continue
+        low, high = np.array((level, there.min())), np.array((level, there.max()))
+        rows.append((low, high) if k % 2 == 0 else (high, low))
+    return rows

@@ -92,7 +92,7 @@ def test_a_stage_whose_part_is_gone_is_next_unless_it_is_skipped(demo, stage):
 
 def test_what_rests_on_a_skipped_stage_is_not_proposed(demo):
     bare = demo.with_result("second", None).with_capture("second", ())
-    assert next_stage(bare, ("gaps",)).name == "maps"  # made with the passes that are gone
+    assert next_stage(bare, ("tilts",)).name == "maps"  # made with the passes that are gone
 
 
 def test_stages_are_chosen_by_name_and_a_message_takes_the_place_of_its_kind():
@@ -123,10 +123,10 @@ def test_an_offered_stage_that_fails_is_left_out_with_its_reason(demo, bench_of,
     ending = run_procedure(bench, stages("maps"))
     assert ending.completed
     assert ending.left_out == {
-        "gaps": "no StartGapPlan",
+        "tilts": "no StartGapPlan",
         "caliper": "no StartCaliperMeasurements",
     }
-    # gaps are looked for in maps that are not stale, and without a plan nothing is scanned
+    # passes are planned on maps that are not stale, and without a plan nothing is scanned
     assert ran == ["StartCaliperMeasurements", "StartMapping", "StartGapPlan"]
 
 

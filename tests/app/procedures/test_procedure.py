@@ -70,8 +70,9 @@ def test_the_procedure_completes_within_the_goals(demo):
     assert figures["outer_rms_mm"] <= 0.6
     assert figures["thickness_rms_mm"] <= 1.0
     assert figures["inner_coverage_fraction"] >= 0.8
-    assert figures["inner_coverage_fraction"] > figures["inner_coverage_one_pass_fraction"] >= 0.4
-    assert figures["second_pass_points"] == len(session.captures.second[0].scans)
+    assert figures["inner_coverage_fraction"] > figures["inner_coverage_one_pass_fraction"] >= 0.2
+    assert len(session.captures.second) == 4
+    assert figures["second_pass_points"] == sum(len(one.scans) for one in session.captures.second)
     of_loaded = {"skull_registration_tre_mm", "skull_registration_sigma_mm"}
     assert len(session.results.speed.value) == 3
     nothing = {key for key, value in figures.items() if value is None}
