@@ -13,7 +13,7 @@ from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.acoustics.messages import StartCaliperMeasurements
 from rona_core.app.steps.implant.burr.messages import StartBurrCapture
 from rona_core.app.steps.implant.messages import PlanMilling, RehearseMilling, StartBedSearch
-from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
+from rona_core.app.steps.maps.messages import StartMapping, StartTiltPlan, StartTiltScan
 from rona_core.app.steps.path.messages import StartPathCapture
 from rona_core.app.steps.pointer.messages import StartPointerCapture
 from rona_core.app.steps.roll.certificate_view import why_no_plan
@@ -85,7 +85,7 @@ PROCEDURE = (
     Stage("detection", StartMapping(), "detection", "Map the boundaries"),
     Stage(
         "tilts",
-        StartGapPlan(),
+        StartTiltPlan(),
         "second",
         "Plan the tilted passes",
         offered="a way of the tilted probe over the whole region, where an upright one may miss "
@@ -93,7 +93,7 @@ PROCEDURE = (
     ),
     Stage(
         "tilted",
-        StartGapScan(),
+        StartTiltScan(),
         "capture second",
         "Scan with the probe tilted",
         offered="the inner boundary where an upright probe misses it, and what it is sure of",

@@ -52,6 +52,8 @@ from rona_core.ultrasound.detection.detect import Detection
 from rona_core.ultrasound.detection.manual_corrections import BoundaryEdits
 
 T = TypeVar("T")
+# messages of older sessions: what they are called now, and fields that they have no more
+RENAMED = {"StartGapPlan": ("StartTiltPlan", ("spacing_mm", "fan", "largest_lean_deg"))}
 MAX_NAME = 200  # characters
 TITLE = {  # what a session may be called
     "minLength": 1,
@@ -197,6 +199,13 @@ class Derived(Generic[T]):
     arguments: dict[str, object]  # its fields, plain values
     inputs: dict[str, str]  # input name -> digest
     version: str = __version__  # of the program that made it
+
+    def __post_init__(self) -> None:
+        if self.message in RENAMED:
+            name, gone = RENAMED[self.message]
+            kept = {key: value for key, value in self.arguments.items() if key not in gone}
+            object.__setattr__(self, "message", name)
+            object.__setattr__(self, "arguments", kept)
 
 
 @dataclass(frozen=True, slots=True)

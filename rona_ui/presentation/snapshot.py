@@ -69,7 +69,7 @@ class Snapshot:
     @property
     def scanning(self) -> bool:
         """Return whether A-scans are taken at this moment, by the robot or by hand."""
-        scans = ("StartScan", "StartGapScan", "StartHandheldScan")
+        scans = ("StartScan", "StartTiltScan", "StartHandheldScan")
         return self.busy and self.job is not None and self.job.activity in scans
 
     @property

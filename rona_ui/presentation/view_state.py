@@ -70,7 +70,7 @@ LAYERS = {
     "outer": "Outer map",
     "inner": "Inner map",
     "fused": "Fused map",
-    "second": "Second pass",
+    "second": "Tilted passes",
     "references": "Reference points",
     "implant": "Implant",
     "bed": "Implant bed",

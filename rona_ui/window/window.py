@@ -34,7 +34,7 @@ from rona_ui.window.background import BackgroundFigures, BackgroundGrowth, Strok
 from rona_ui.window.browser import Browser, KeptViews
 
 TICK_S = 1.0 / 30.0  # while something moves
-PASSES: dict[str, Pass] = {"StartScan": "first", "StartGapScan": "second"}
+PASSES: dict[str, Pass] = {"StartScan": "first", "StartTiltScan": "second"}
 IDLE_S = 0.5  # while nothing does; a change wakes the thread at once
 
 

@@ -23,7 +23,7 @@ from rona_core.app.steps.implant.inputs import BedInputs, LinesInputs
 from rona_core.app.steps.implant.messages import StartBedLines, StartBedSearch
 from rona_core.app.steps.implant.view import floor_base
 from rona_core.app.steps.maps.accuracy import drawn_maps
-from rona_core.app.steps.maps.messages import Row, StartGapPlan, StartGapScan, StartMapping
+from rona_core.app.steps.maps.messages import Row, StartMapping, StartTiltPlan, StartTiltScan
 from rona_core.compose import build_virtual_rig, new_workbench, run_demo
 from rona_core.devices.protocols import never, silent
 from rona_core.errors import InvalidInputError, RonaError
@@ -158,7 +158,7 @@ def _metrics(title: str, judged: Sequence[Judged]) -> Iterator[Metric]:
 def _scanned(session: Session, held: ImplantBed, rows: tuple[Row, ...]) -> Judged | None:
     bench = new_workbench(session)
     try:
-        for message in (StartGapPlan(rows=rows), StartGapScan(), StartMapping()):
+        for message in (StartTiltPlan(rows=rows), StartTiltScan(), StartMapping()):
             bench.run(message)
         return _judged(bench.session, held)
     except RonaError:

@@ -302,17 +302,17 @@ ROBOT_AND_SCAN = (
     ),
     Figure(
         "second_pass_points",
-        "A-scans of further passes",
+        "A-scans of tilted passes",
         "",
-        "A-scans taken in all further passes, over the gaps of the inner map",
+        "A-scans taken in all tilted passes",
         of="capture second",
         decimals=0,
     ),
     Figure(
         "second_pass_reason",
-        "No second pass, because",
+        "No tilted passes, because",
         "",
-        "why there was no second pass, null if there was one",
+        "why there were no tilted passes, or not all; null if there were",
     ),
     Figure(
         "references_reason",
@@ -521,7 +521,7 @@ MAPS = (
         of="maps",
         limit=0.9,
         source=f"{WORST_OF_RESULTS}. One pass alone leaves gaps in the inner map, and is for "
-        "review until the second",
+        "review until the tilted ones",
         sense="at least",
     ),
     Figure(

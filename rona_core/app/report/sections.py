@@ -203,10 +203,12 @@ def motion_section(session: Session) -> Html:
     parts.append(tag("p", "Digest of the certified motion: ", tag("code", digest), css="soft"))
     second = session.results.second
     if second is not None and stale_reason("second", session) is None:
-        plan_of_gaps = second.value.plan
-        word = "certified" if plan_of_gaps.may_move else "not certified"
-        gaps = f"{second.value.way.gap_cells} cells without an inner boundary"
-        parts.append(tag("p", f"Second pass over {gaps}: its motion is {word} in the same way."))
+        planned = second.value.passes
+        certified = sum(one.plan.may_move for one in planned)
+        words = (
+            f"Tilted passes: {certified} of {len(planned)} motions are certified in the same way."
+        )
+        parts.append(tag("p", words))
     passes = usable_second(session)
     if len(passes) > 1:
         n_scans = sum(len(one.scans) for one in passes)

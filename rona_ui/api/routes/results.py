@@ -157,7 +157,7 @@ def get_calibration(bench: Bench, step: Literal["tool", "pointer"]) -> FastJson:
     return FastJson(plain(view))
 
 
-NAMES = {"first": "first pass", "second": "second pass", "hand": "scan by hand"}
+NAMES = {"first": "first pass", "second": "tilted passes", "hand": "scan by hand"}
 
 
 @router.get(

@@ -36,7 +36,7 @@ from rona_core.app.steps.implant.rehearsal import (
     rehearsal_verdict,
 )
 from rona_core.app.steps.implant.view import placed_turns, verdict
-from rona_core.app.steps.maps.messages import StartGapPlan
+from rona_core.app.steps.maps.messages import StartTiltPlan
 from rona_core.app.steps.maps.view import layers_of
 from rona_core.session.document import Session
 from rona_ui.panels.maps.maps import color_bar
@@ -159,7 +159,7 @@ class BedExportFolder:
 
 
 LINES_EXPLANATION = "Where to scan on, so that the bone below this bed is known better."
-NEXT = "Then scan it (step 9, second pass), map again and lay the bed anew."
+NEXT = "Then scan it (step 9, tilted passes), map again and lay the bed anew."
 
 
 class LinesFolder:
@@ -176,7 +176,7 @@ class LinesFolder:
             gui.add_html(style.text(NEXT))
 
         def plan(event: Any) -> None:
-            context.send(lambda: StartGapPlan(rows=self._rows), event)
+            context.send(lambda: StartTiltPlan(rows=self._rows), event)
             context.set_view(second=True, cursor=None, playing=False)
 
         on_click(self._plan, plan)

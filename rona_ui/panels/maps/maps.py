@@ -1,4 +1,4 @@
-"""Step 9: boundaries are detected, mapped and fused with the cloud; second pass over gaps."""
+"""Step 9: boundaries are detected, mapped and fused with the cloud; tilted passes."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,7 +12,7 @@ from rona_core.app.steps.boundaries.probe_advice import judge_bone
 from rona_core.app.steps.maps.accuracy import accuracy_sentence, budgets
 from rona_core.app.steps.maps.export import EXPORTS
 from rona_core.app.steps.maps.further_passes import usable_second
-from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
+from rona_core.app.steps.maps.messages import StartMapping, StartTiltPlan, StartTiltScan
 from rona_core.app.steps.maps.view import (
     MapLayers,
     SecondView,
@@ -71,35 +71,35 @@ class ExportFolder:
         )
 
 
-SECOND_PASS = (
-    "Where the inner table is inclined, its echo misses the probe. The robot scans these "
-    "gaps again with the probe tilted. Passes add up: each is planned over the gaps that are left."
+TILTED_PASSES = (
+    "Where the inner table is inclined, its echo misses an upright probe. The robot scans the path "
+    "again with the probe tilted, each time another way; what several passes agree on is mapped."
 )
 
 
 class SecondFolder:
-    """Plan, scan and map the gaps, and what came of it."""
+    """Plan, scan and map the tilted passes, and what came of them."""
 
     def __init__(
         self, gui: Any, context: PanelContext, mapping: Callable[[], StartMapping]
     ) -> None:
         self._form = Form(gui)
-        self._window = gui.add_folder("Second pass over the gaps", visible=False)
+        self._window = gui.add_folder("Tilted passes", visible=False)
         with self._window:
-            gui.add_html(style.text(SECOND_PASS))
+            gui.add_html(style.text(TILTED_PASSES))
             self._words = gui.add_html("")
-            self._plan = gui.add_button("Plan second pass", icon="route")
-            self._scan = gui.add_button("Scan gaps", icon="player-play")
-            self._map = gui.add_button("Map with second pass", icon="map", visible=False)
-            with gui.add_folder("Row spacing and tilt", expand_by_default=False):
-                self._form.of(StartGapPlan, "spacing_mm", "fan", "largest_lean_deg")
+            self._plan = gui.add_button("Plan tilted passes", icon="route")
+            self._scan = gui.add_button("Scan tilted pass", icon="player-play")
+            self._map = gui.add_button("Map with tilted passes", icon="map", visible=False)
+            with gui.add_folder("Tilt and number", expand_by_default=False):
+                self._form.of(StartTiltPlan, "tilt_deg", "passes")
         on_click(self._plan, lambda e: self._send(context, self.message, e))
-        on_click(self._scan, lambda e: self._send(context, StartGapScan, e))
+        on_click(self._scan, lambda e: self._send(context, StartTiltScan, e))
         on_click(self._map, lambda e: self._send(context, mapping, e, second=False))
 
-    def message(self) -> StartGapPlan:
+    def message(self) -> StartTiltPlan:
         """Return the planning with these parameters."""
-        return StartGapPlan(**self._form.values())
+        return StartTiltPlan(**self._form.values())
 
     @staticmethod
     def _send(context: PanelContext, make: Any, event: Any, *, second: bool = True) -> None:
@@ -107,22 +107,23 @@ class SecondFolder:
         context.set_view(second=second, cursor=None, playing=False)
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
-        """Follow maps, plan and scan of the gaps."""
+        """Follow maps, plan and scan of the tilted passes."""
         if not changed(old, new, "session", "busy", "view.second"):
             return
         self._form.enable(not new.busy)
         self._window.visible = new.session.results.maps is not None
         view = second_view(new.session)
-        ready = view is not None and view.blocked is None
+        left = view is not None and view.blocked is None and not view.scanned
         self._plan.disabled = new.busy
-        self._scan.disabled = new.busy or not ready
+        self._scan.disabled = new.busy or not left
         scanned = bool(usable_second(new.session))
-        done = view is not None and view.scanned
-        again = "Plan second pass again" if view is not None else "Plan second pass"
-        self._plan.label = "Plan next pass" if scanned else again
-        self._scan.label = "Scan gaps again" if done else "Scan gaps"
-        self._plan.color = "gray" if ready else None
-        self._scan.color = "gray" if done else None
+        self._plan.label = "Plan tilted passes" if view is None else "Plan tilted passes again"
+        if view is not None and not view.scanned:
+            self._scan.label = f"Scan tilted pass {view.done + 1} of {view.count}"
+        else:
+            self._scan.label = "Scan tilted pass"
+        self._plan.color = None if view is None or view.blocked is not None else "gray"
+        self._scan.color = None if left else "gray"
         self._map.visible = scanned and second_cells(new.session) is None
         self._map.disabled = new.busy
         self._words.content = second_pass_words(new, view, scanned)
@@ -130,36 +131,36 @@ class SecondFolder:
 
 def second_pass_words(snapshot: Snapshot, view: SecondView | None, scanned: bool) -> str:
     """Return what is planned, what all passes scanned, and the coverage before and after."""
-    session, html = snapshot.session, stopped_note(snapshot, "StartGapScan")
+    session, html = snapshot.session, stopped_note(snapshot, "StartTiltScan")
     if view is not None:
-        text = (
-            f"Gaps: {100 * view.gap_share:.0f} % of the map. Path of {view.length_mm:.0f} "
-            f"mm, probe tilt up to {view.lean_deg.max(initial=0.0):.1f}°"
-        )
+        most_deg = view.lean_deg.max(initial=0.0)
+        many = "1 pass" if view.count == 1 else f"{view.count} passes"
+        text = f"{many} of {view.length_mm:.0f} mm, probe tilt up to {most_deg:.1f}°"
         if view.blocked is not None:
             html += style.note(f"{text}. Cannot be scanned: {view.blocked}.", "warn")
         elif view.stale is not None and not view.scanned:
             html += style.note(f"{text}. Stale: {view.stale}. Plan again.", "warn")
         else:
-            html += style.note(f"{text}, duration {view.duration_s or 0.0:.0f} s.")
+            text += f", {view.duration_s or 0.0:.0f} s in all; {view.done} of {view.count} scanned"
+            html += style.note(f"{text}.")
         if shows_second_path(snapshot):
             most = f"{tilt_scale_max_deg(view):.0f}"
-            html += style.color_bar("Lean of the probe (deg)", "0", most)
-            html += style.key(((css(SKY), "second path"),))
+            html += style.color_bar("Tilt of the probe (deg)", "0", most)
+            html += style.key(((css(SKY), "path of the next tilted pass"),))
     passes = session.captures.second
     if not passes:
         return html
     if not scanned:
         return html + style.note(
-            "The gap scan belongs to another scan. Scan the gaps again.", "warn"
+            "The tilted passes belong to another scan. Scan them again.", "warn"
         )
     n_scans = sum(len(one.scans) for one in passes)
     cells = second_cells(session)
     if cells is None:
         return html + style.note(
-            f"{n_scans} A-scans of the gaps recorded. Map the boundaries with them."
+            f"{n_scans} A-scans of tilted passes recorded. Map the boundaries with them."
         )
-    which = "the second pass" if len(passes) == 1 else f"{len(passes)} further passes"
+    which = "the tilted pass" if len(passes) == 1 else f"{len(passes)} tilted passes"
     return html + style.note(
         f"Inner coverage {100 * cells.before:.0f} % before, {100 * cells.after:.0f} % with "
         f"{which} ({n_scans} A-scans). White dots: cells seen only by {which}.",

@@ -1,4 +1,4 @@
-"""Step 9: boundary maps in viridis, positions of A-scans, reference points, second pass."""
+"""Step 9: boundary maps in viridis, positions of A-scans, reference points, tilted passes."""
 
 import numpy as np
 

@@ -13,7 +13,7 @@ from rona_core.app.runtime.session_step import Undo
 from rona_core.app.steps.acoustics.messages import StartCaliperMeasurements
 from rona_core.app.steps.implant.burr.messages import StartBurrCapture
 from rona_core.app.steps.implant.messages import PlanMilling, RehearseMilling, StartBedSearch
-from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
+from rona_core.app.steps.maps.messages import StartMapping, StartTiltPlan, StartTiltScan
 from rona_core.app.steps.path.messages import StartPathCapture
 from rona_core.app.steps.pointer.messages import CalibratePointer, StartPointerCapture
 from rona_core.app.steps.roll.messages import StartRollSearch
@@ -102,8 +102,8 @@ def test_the_whole_procedure_through_rest(client, web, tmp_path):
         StartProbeMountingCapture(),
         StartScan(),
         StartMapping(),
-        StartGapPlan(),
-        StartGapScan(),
+        StartTiltPlan(),
+        StartTiltScan(),
         StartCaliperMeasurements(),
         StartMapping(),
         StartBurrCapture(),

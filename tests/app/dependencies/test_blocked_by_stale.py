@@ -8,7 +8,7 @@ from rona_core.app.dependencies.judge import step_states
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.runtime.handling import handle
 from rona_core.app.runtime.workbench import Workbench
-from rona_core.app.steps.maps.messages import StartGapScan, StartMapping
+from rona_core.app.steps.maps.messages import StartMapping, StartTiltScan
 from rona_core.app.steps.path.messages import GenerateScanPattern, StartPathCapture
 from rona_core.app.steps.roll.messages import ChooseRoll, StartRollSearch
 from rona_core.app.steps.scan.messages import StartScan
@@ -42,7 +42,7 @@ def bench(other_robot, tmp_path):
         StartRollSearch(),
         StartScan(),
         StartMapping(),
-        StartGapScan(),
+        StartTiltScan(),
         SmoothScanPath(),
         BuildSurface(),
         GenerateScanPattern(),

@@ -13,7 +13,7 @@ from rona_core.app.steps.implant.bed_lines import hearing_around, lines_verdict
 from rona_core.app.steps.implant.inputs import LinesInputs
 from rona_core.app.steps.implant.messages import PlaceBed, StartBedLines
 from rona_core.app.steps.maps.accuracy import drawn_maps
-from rona_core.app.steps.maps.messages import StartGapPlan
+from rona_core.app.steps.maps.messages import StartTiltPlan
 from rona_core.compose import new_workbench
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.planning.further_lines import best_lines
@@ -59,7 +59,7 @@ def test_without_what_no_scan_tells_lines_tell_most_of_it(bench):
 
 def test_a_further_pass_is_planned_along_them_and_survives_a_file(bench):
     found = lines_of(bench.session)
-    bench.run(StartGapPlan(rows=found.rows))
+    bench.run(StartTiltPlan(rows=found.rows))
     second = bench.session.results.second
     assert second.value.plan.trajectory is not None
     T_map_base = bench.session.results.maps.value.outer.T_base_map.inv()
@@ -69,8 +69,8 @@ def test_a_further_pass_is_planned_along_them_and_survives_a_file(bench):
     for corner in corners:
         assert np.linalg.norm(path - corner, axis=1).min() < 0.3
     back = session_from_bytes(session_bytes(bench.session))
-    again = message_from("StartGapPlan", dict(back.results.second.arguments))
-    assert again == StartGapPlan(rows=found.rows)
+    again = message_from("StartTiltPlan", dict(back.results.second.arguments))
+    assert again == StartTiltPlan(rows=found.rows)
     assert lines_of(back).rows == found.rows
     assert stale_reason("lines", back) is None
 
@@ -84,7 +84,7 @@ def test_a_further_pass_is_planned_along_them_and_survives_a_file(bench):
 )
 def test_lines_outside_of_the_map_are_refused(bench, rows, words):
     with pytest.raises(InvalidInputError, match=words):
-        bench.run(StartGapPlan(rows=rows))
+        bench.run(StartTiltPlan(rows=rows))
 
 
 def test_they_become_stale_with_the_bed_and_need_one_that_lies_in_the_maps(bench):

@@ -27,7 +27,7 @@ from rona_core.app.steps.maps.further_passes import (
     joined_scans,
     usable_second,
 )
-from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
+from rona_core.app.steps.maps.messages import StartMapping, StartTiltPlan, StartTiltScan
 from rona_core.app.steps.maps.view import second_cells, second_view
 from rona_core.app.steps.scan.derivation import PLACES
 from rona_core.app.steps.scan.planned_motion import joints_at, replayed
@@ -62,7 +62,7 @@ def bare():
 @pytest.fixture(scope="module")
 def planned(bare):
     """Return it with two tilted passes planned."""
-    return ran(bare, StartGapPlan(passes=2))
+    return ran(bare, StartTiltPlan(passes=2))
 
 
 def ran(session, message):
@@ -80,7 +80,7 @@ def scanned(planned):
     bench, found = new_workbench(planned), []
     try:
         for _ in range(2):
-            bench.run(StartGapScan())
+            bench.run(StartTiltScan())
             found.append(bench.session)
         return tuple(found)
     finally:
@@ -115,7 +115,7 @@ def test_passes_that_are_not_scanned_are_missing_and_the_next_one_is_the_remedy(
     for done, session in enumerate((planned, one)):
         found = judge_part("capture second", session)
         assert found.state == "missing"
-        assert found.remedy.message == StartGapScan()
+        assert found.remedy.message == StartTiltScan()
         if done:
             assert found.reason == "1 of 2 tilted passes are scanned"
             assert "pass 2 of 2" in found.remedy.words
@@ -126,7 +126,7 @@ def test_where_all_passes_are_scanned_another_one_is_blocked_with_a_reason(two):
     bench = new_workbench(two)
     try:
         with pytest.raises(StepBlockedError, match="all planned passes are scanned"):
-            bench.run(StartGapScan())
+            bench.run(StartTiltScan())
         assert bench.session.captures.second is two.captures.second
     finally:
         bench.close()
@@ -255,7 +255,7 @@ def test_a_plan_of_tilted_passes_is_made_again_whatever_was_scanned_since(planne
 def test_passes_along_lines_follow_those_that_were_scanned(mapped):
     """Lines are planned on the maps of all passes so far, and are scanned after them."""
     lines = (((-2.0, 0.0), (2.0, 0.0)),)
-    further = derived("second", mapped, StartGapPlan(rows=lines))
+    further = derived("second", mapped, StartTiltPlan(rows=lines))
     assert (further.n_before, len(further.passes)) == (2, 1)
     held = mapped.with_result("second", replace(mapped.results.second, value=further))
     assert held.results.second.value.scanned(held.captures.second) == 0
@@ -346,7 +346,7 @@ def in_another_posture(capture):
 def test_tilted_passes_are_planned_in_the_posture_of_the_scan(bare, planned):
     other = bare.with_capture("scan", in_another_posture(bare.captures.scan))
     turned = other.with_result("second", None)
-    again = derived("second", turned, StartGapPlan(passes=1)).passes
+    again = derived("second", turned, StartTiltPlan(passes=1)).passes
     for session, passes in ((bare, planned.results.second.value.passes), (other, again)):
         for one in passes:
             motion = one.plan.trajectory

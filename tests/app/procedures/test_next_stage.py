@@ -115,7 +115,7 @@ def test_an_offered_stage_that_fails_is_left_out_with_its_reason(demo, bench_of,
     def run(self, message, *rest):
         name = type(message).__name__
         ran.append(name)
-        if name in ("StartGapPlan", "StartCaliperMeasurements"):
+        if name in ("StartTiltPlan", "StartCaliperMeasurements"):
             raise DegenerateGeometryError(f"no {name}")
         return genuine(self, message, *rest)
 
@@ -123,11 +123,11 @@ def test_an_offered_stage_that_fails_is_left_out_with_its_reason(demo, bench_of,
     ending = run_procedure(bench, stages("maps"))
     assert ending.completed
     assert ending.left_out == {
-        "tilts": "no StartGapPlan",
+        "tilts": "no StartTiltPlan",
         "caliper": "no StartCaliperMeasurements",
     }
     # passes are planned on maps that are not stale, and without a plan nothing is scanned
-    assert ran == ["StartCaliperMeasurements", "StartMapping", "StartGapPlan"]
+    assert ran == ["StartCaliperMeasurements", "StartMapping", "StartTiltPlan"]
 
 
 def test_a_required_stage_that_fails_ends_the_run(demo, bench_of):

@@ -7,7 +7,7 @@ import pytest
 
 from rona_core.app.dependencies.judge import blocked, step_states
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.steps.maps.messages import StartGapScan
+from rona_core.app.steps.maps.messages import StartTiltScan
 from rona_core.app.steps.scan.landmarks.messages import (
     OverrideLandmarks,
     StartLandmarkCapture,
@@ -93,7 +93,7 @@ def test_a_tracker_that_was_bumped_is_caught_before_the_robot_moves(bench, shift
     assert bench.session.captures.scan is scans
     assert verification(bench.session).state == "failed"
     assert bench.session.captures.get("landmarks") is bench.session.archive[-1]
-    for kind in (StartScan, StartGapScan):
+    for kind in (StartScan, StartTiltScan):
         assert "verification on landmarks failed" in blocked(kind, bench.session).reason
     assert "override it with a reason" in state(bench).blocked
 

@@ -23,7 +23,7 @@ from rona_core.app.steps.implant.milling_motion import milling_plan_of
 from rona_core.app.steps.implant.milling_plan import milling_verdict
 from rona_core.app.steps.implant.rehearsal import rehearsal_verdict
 from rona_core.app.steps.implant.view import milling_view, verdict
-from rona_core.app.steps.maps.messages import StartGapPlan
+from rona_core.app.steps.maps.messages import StartTiltPlan
 from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.compose import new_workbench
 from rona_core.errors import NotFoundError, StaleResultError, StepBlockedError
@@ -247,7 +247,7 @@ def test_lines_for_the_bed_are_found_by_a_button_and_planned_by_the_next(demo):
     gui, recorder, _ = panel_of(snapshot(demo), snapshot(bench.session))
     assert lines_verdict(found) in gui.html()
     gui.find("button", "Plan pass along them").happen(CLIENT)
-    assert recorder.sent[-1] == StartGapPlan(rows=found.rows)
+    assert recorder.sent[-1] == StartTiltPlan(rows=found.rows)
     bench.dispatch(SetProbe(name="1MHz"))
     gui, _, _ = panel_of(snapshot(demo), snapshot(bench.session))
     bench.close()

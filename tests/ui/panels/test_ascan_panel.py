@@ -14,7 +14,7 @@ from rona_core.app.steps.boundaries.ascan_view import (
     scan_picture,
 )
 from rona_core.app.steps.boundaries.messages import ClearBoundaryCorrections, CorrectBoundary
-from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan, StartMapping
+from rona_core.app.steps.maps.messages import StartMapping, StartTiltPlan, StartTiltScan
 from rona_core.app.steps.scan.planned_motion import joints_at
 from rona_core.devices.live import LiveState
 from rona_core.session.document import Session
@@ -226,7 +226,7 @@ def test_the_second_pass_is_planned_scanned_and_told(demo: Session) -> None:
     assert "Inner coverage" not in shown(desk)
     assert desk.gui.find("button", "Scan gaps").disabled
     desk.click("button", "Plan second pass")
-    assert desk.sent == [StartGapPlan()]
+    assert desk.sent == [StartTiltPlan()]
     assert desk.view.second
     desk.session = replace(
         first_only, results=replace(first_only.results, second=demo.results.second)
@@ -234,7 +234,7 @@ def test_the_second_pass_is_planned_scanned_and_told(demo: Session) -> None:
     desk.draw()
     assert "probe tilt up to" in shown(desk)
     desk.click("button", "Scan gaps")
-    assert desk.sent[-1] == StartGapScan()
+    assert desk.sent[-1] == StartTiltScan()
 
 
 def test_a_scan_of_the_gaps_is_mapped_where_it_was_made(demo: Session) -> None:

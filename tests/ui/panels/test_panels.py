@@ -150,7 +150,7 @@ def test_a_scan_that_was_stopped_while_the_tool_was_weighed_says_so_and_goes_on_
     again = replace(after, job=replace(running, id="2"))
     panel.render(after, again)
     assert "Stopped" not in panel.verdict.content
-    other = replace(after, job=replace(ended, activity="StartGapScan"))
+    other = replace(after, job=replace(ended, activity="StartTiltScan"))
     panel.render(None, other)
     assert "Stopped" not in panel.verdict.content
     assert "the tool was weighed" in second_words(other, None, False)

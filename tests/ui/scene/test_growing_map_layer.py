@@ -30,7 +30,7 @@ def job(activity, state="running"):
 def test_it_is_drawn_while_the_robot_scans_in_any_step(demo):
     layer, nodes = GrowingMapLayer(made := Nodes()), made
     view = ViewState(step="maps")
-    scanning = snapshot(demo, view=view, job=job("StartGapScan"), growing=grown(12))
+    scanning = snapshot(demo, view=view, job=job("StartTiltScan"), growing=grown(12))
     now = replace(scanning, live=LiveState(ordinal=12))
     layer.render(None, now)
     points, colors = nodes.drawn[NODE]

@@ -103,7 +103,7 @@ class PlaceBed:
 class StartBedLines:
     """Find the further scan lines that tell most of the bone below the bed of step 10.
 
-    `StartGapPlan` takes their `rows` and plans how the robot scans them.
+    `StartTiltPlan` takes their `rows` and plans how the robot scans them.
     """
 
     length_mm: float = number(

@@ -36,7 +36,7 @@ from rona_core.app.steps.implant.milling_plan import (
 from rona_core.app.steps.implant.rehearsal import Rehearsal
 from rona_core.app.steps.implant.view import percent
 from rona_core.app.steps.maps.inputs import MAPS
-from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan
+from rona_core.app.steps.maps.messages import StartTiltPlan, StartTiltScan
 from rona_core.app.steps.scan.messages import StartProbeMountingCapture
 from rona_core.app.steps.tool.derivation import TOOL
 from rona_core.errors import StepBlockedError
@@ -63,8 +63,8 @@ def rehearse_milling(
 
 # What maps more of the bone or makes it more certain, and so more beds safe: part, its remedy
 FURTHER = {
-    "second": Remedy("plan the tilted passes (step 9)", StartGapPlan()),
-    "capture second": Remedy("scan with the probe tilted (step 9)", StartGapScan()),
+    "second": Remedy("plan the tilted passes (step 9)", StartTiltPlan()),
+    "capture second": Remedy("scan with the probe tilted (step 9)", StartTiltScan()),
     "burr": Remedy("register the burr (step 10)", StartBurrCapture()),
     "mounting": Remedy("record on the gauge plate (step 8)", StartProbeMountingCapture()),
     "speed": Remedy("measure reference points (step 9)", StartCaliperMeasurements()),

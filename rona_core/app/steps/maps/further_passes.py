@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from rona_core.app.declarations.declarations import USABLE, Judgement, Remedy
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.steps.maps.messages import StartGapPlan, StartGapScan
+from rona_core.app.steps.maps.messages import StartTiltPlan, StartTiltScan
 from rona_core.app.steps.roll.certificate_view import why_no_plan
 from rona_core.app.steps.scan.derivation import ProbePlaces
 from rona_core.devices.samples import AScanTrack
@@ -47,7 +47,7 @@ def judge_passes(held: Passes, session: Session) -> Judgement:
     if planned is None or planned.value.next_pass(held) is None:
         return USABLE
     done, count = planned.value.scanned(held), len(planned.value.passes)
-    again = Remedy(f"scan tilted pass {done + 1} of {count} (step 9)", StartGapScan())
+    again = Remedy(f"scan tilted pass {done + 1} of {count} (step 9)", StartTiltScan())
     return Judgement("missing", f"{done} of {count} tilted passes are scanned", again)
 
 
@@ -56,7 +56,7 @@ def all_scanned(session: Session) -> Judgement | None:
     planned, held = session.results.second, session.captures.second
     if planned is None or planned.value.next_pass(held) is not None:
         return None
-    remedy = Remedy("plan further passes (step 9)", StartGapPlan())
+    remedy = Remedy("plan further passes (step 9)", StartTiltPlan())
     return Judgement("blocked", "all planned passes are scanned: plan further ones", remedy)
 
 

@@ -149,7 +149,7 @@ class FurtherSurvey:
     # a plan holds whatever passes follow it
     free=("second", "second_detection", "further correction", "plan"),
 )
-class GapInputs:
+class TiltInputs:
     """What a further pass is planned with."""
 
     first: FirstPass = given(_first_pass_of(FIRST_EDITS, PLACES))

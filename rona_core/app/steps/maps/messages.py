@@ -47,19 +47,19 @@ class StartMapping:
 
 
 @message
-class StartGapPlan(TiltSettings):
-    """Plan a further scan with the probe leaning towards the inner table, over the gaps of its map.
+class StartTiltPlan(TiltSettings):
+    """Plan further passes over the whole scan path with the probe tilted, each another way.
 
-    Or along lines that are given, such as those that tell most of an implant bed (step 10).
+    Or one along lines that are given, such as those that say most about an implant bed (step 10).
     """
 
-    # in the order of scanning; none: over the gaps
+    # in the order of scanning; none: over the whole path
     rows: tuple[Row, ...] = number((), "Rows", "mm", *PLACE_MM, 0.5, maxItems=MAX_ROWS)
 
 
 @message
-class StartGapScan:
-    """Let the robot execute the second pass while the probe records A-scans."""
+class StartTiltScan:
+    """Let the robot scan the next of the planned passes while the probe records A-scans."""
 
 
 @message

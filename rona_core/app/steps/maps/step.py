@@ -20,14 +20,14 @@ from rona_core.app.steps.maps.further_passes import (
     judge_plan,
     with_pass,
 )
-from rona_core.app.steps.maps.gap_plan import plan_gaps, plan_gaps_again
 from rona_core.app.steps.maps.inputs import MAPS, SECOND
 from rona_core.app.steps.maps.messages import (
     StartComparison,
-    StartGapPlan,
-    StartGapScan,
     StartMapping,
+    StartTiltPlan,
+    StartTiltScan,
 )
+from rona_core.app.steps.maps.tilt_plan import plan_tilts, plan_tilts_again
 from rona_core.app.steps.scan.captures import capture_scan
 from rona_core.app.steps.scan.derivation import SCAN
 from rona_core.app.steps.scan.landmarks.step import LANDMARKS, verified_first
@@ -58,13 +58,13 @@ STEP = declare.Step(
             needs=(SCAN, SURFACE),
         ),
         declare.Activity(
-            StartGapPlan,
+            StartTiltPlan,
             compute,
             "Planning the tilted passes",
             needs=(SCAN, SURFACE, MAPS),
         ),
         declare.Activity(
-            StartGapScan,
+            StartTiltScan,
             verified_first(
                 record(
                     "second", lambda _, session, context: capture_scan(session, context, "second")
@@ -115,11 +115,11 @@ STEP = declare.Step(
         ),
         declare.Result.of(
             "second",
-            StartGapPlan,
-            plan_gaps,
+            StartTiltPlan,
+            plan_tilts,
             "plan the tilted passes (step 9)",
             judged=judge_plan,
-            recompute=plan_gaps_again,
+            recompute=plan_tilts_again,
         ),
         replace(
             declare.Result.of(

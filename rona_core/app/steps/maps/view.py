@@ -7,8 +7,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from rona_core.app.dependencies.staleness import made_of, stale_reason
-from rona_core.app.steps.maps.further_passes import usable_second
-from rona_core.app.steps.roll.certificate_view import why_no_plan
+from rona_core.app.steps.maps.further_passes import judge_plan, usable_second
 from rona_core.geometry.arrays import Bools, Floats, readonly
 from rona_core.mapping.accuracy.map_accuracy import CellSigma, MapAccuracy
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
@@ -145,38 +144,45 @@ def _part(boundary: BoundaryMap, values: tuple[Floats, np.ndarray]) -> MapPart:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SecondView:
-    """The further pass that is planned, in ``base``."""
+    """The planned passes with the probe tilted: the next of them, or the last, in ``base``."""
 
     points_base: Floats  # (n, 3)
     axes_base: Floats  # (n, 3) of the probe, into the bone
     lean_deg: Floats  # (n,)
     length_mm: float
-    duration_s: float | None  # None: the robot cannot follow it
-    gap_cells: int
-    gap_share: float
-    blocked: str | None  # why it cannot be scanned
+    duration_s: float | None  # of all passes; None: the robot cannot follow one of them
+    count: int  # passes that are planned
+    done: int  # and of those, scanned to the end
+    blocked: str | None  # why they cannot be scanned
     stale: str | None
-    scanned: bool  # the robot has scanned along it
+
+    @property
+    def scanned(self) -> bool:
+        """Whether the robot has scanned all of them."""
+        return self.done == self.count
 
 
 def second_view(session: Session) -> SecondView | None:
-    """Return the further pass as it is planned; None before."""
+    """Return the further passes as they are planned; None before."""
     derived = session.results.second
     if derived is None:
         return None
-    way, plan = derived.value.way, derived.value.plan
-    motion = plan.trajectory
+    planned, held = derived.value, usable_second(session)
+    shown = planned.next_pass(held) or planned.passes[-1]
+    motions = [one.plan.trajectory for one in planned.passes]
+    judged = judge_plan(planned, session)
     return SecondView(
-        points_base=way.path.points_base,
-        axes_base=way.path.axes_base,
-        lean_deg=way.lean_deg,
-        length_mm=float(way.path.arc_length_mm()[-1]),
-        duration_s=None if motion is None else float(motion.times_s[-1]),
-        gap_cells=way.gap_cells,
-        gap_share=way.gap_share,
-        blocked=why_no_plan(plan),
+        points_base=shown.way.path.points_base,
+        axes_base=shown.way.path.axes_base,
+        lean_deg=shown.way.lean_deg,
+        length_mm=float(shown.way.path.arc_length_mm()[-1]),
+        duration_s=None
+        if None in motions
+        else sum(float(motion.times_s[-1]) for motion in motions if motion is not None),
+        count=len(planned.passes),
+        done=planned.scanned(held),
+        blocked=None if judged.holds else judged.reason,
         stale=stale_reason("second", session),
-        scanned=len(usable_second(session)) > derived.value.n_before,
     )
 
 

@@ -31,10 +31,12 @@ class Replayed:
 
 
 def plan_of(session: Session, *, second: bool = False) -> RobotPlan | None:
-    """Return the plan of the scan, or of the newest further pass; None before there is one."""
+    """Return the plan of the scan, or of the next further pass or the last; None before one."""
     if second:
         again = session.results.second
-        return None if again is None else again.value.plan
+        if again is None:
+            return None
+        return (again.value.next_pass(session.captures.second) or again.value.passes[-1]).plan
     return None if session.results.roll is None else session.results.roll.value
 
 
@@ -72,29 +74,34 @@ def replayed(session: Session, *, second: bool = False) -> Replayed | None:
 
     In contact the robot may lag behind: where A-scans were taken is what the plan says.
     """
-    plan = plan_of(session, second=second)
-    if plan is None or plan.trajectory is None:
-        return None
     if not second:
-        held = session.captures.scan
-        return _replayed(plan.trajectory, (), (held,), session.setup.devices)
+        plan, held = plan_of(session), session.captures.scan
+        if plan is None or plan.trajectory is None:
+            return None
+        return _replayed((), (plan.trajectory,), (held,), session.setup.devices)
     made, passes = session.results.second, session.captures.second
-    n_before = 0 if made is None else made.value.n_before
-    after = passes[n_before:] or (None,)
-    return _replayed(plan.trajectory, passes[:n_before], after, session.setup.devices)
+    if made is None:
+        return None
+    planned, n_before = made.value, made.value.n_before
+    count = max(len(passes) - n_before, 1)
+    motions = tuple(one.plan.trajectory for one in planned.passes[:count])
+    if None in motions:
+        return None
+    after = passes[n_before : n_before + len(motions)] or (None,)
+    return _replayed(passes[:n_before], motions, after, session.setup.devices)
 
 
 @remember(4)  # sessions never change, and the cursor asks often
 def _replayed(
-    motion: Trajectory,
     before: tuple[ScanCapture, ...],
+    motions: tuple[Trajectory, ...],
     after: tuple[ScanCapture | None, ...],
     devices: DeviceSettings,
 ) -> Replayed:
-    """Return passes scanned before a motion was planned, then the motion for each one after."""
+    """Return passes scanned before others were planned, then the motion of each one after."""
     parts = [_reported(capture) for capture in before]
-    fired = fire_times(motion, devices.probe.pitch_mm)
-    for capture in after:
+    for motion, capture in zip(motions, after, strict=True):
+        fired = fire_times(motion, devices.probe.pitch_mm)
         # of a plan that is no longer the one that was executed there may be too few
         rows = np.minimum(np.arange(0 if capture is None else len(capture.scans)), len(fired) - 1)
         start_s, end_s = float(motion.scan_start_s), float(motion.scan_end_s)

@@ -10,8 +10,8 @@ from rona_core.app.steps.maps.derivation import (
     further_detection,
     outer_maps,
 )
-from rona_core.app.steps.maps.inputs import GapInputs
-from rona_core.app.steps.maps.messages import StartGapPlan, StartMapping
+from rona_core.app.steps.maps.inputs import TiltInputs
+from rona_core.app.steps.maps.messages import StartMapping, StartTiltPlan
 from rona_core.app.steps.path.inputs import require_none_avoided
 from rona_core.app.steps.roll.derivation import plan_settings
 from rona_core.app.steps.roll.messages import StartRollSearch
@@ -26,8 +26,8 @@ from rona_core.robot.redundancy.scan_postures import ScanPostures
 from rona_core.session.document import SecondPass
 
 
-def plan_gaps(
-    known: GapInputs, message: StartGapPlan, *, progress: Progress, cancel: Cancel
+def plan_tilts(
+    known: TiltInputs, message: StartTiltPlan, *, progress: Progress, cancel: Cancel
 ) -> SecondPass:
     """Plan, time and verify a scan of the gaps that all passes so far left, or along given lines.
 
@@ -46,18 +46,18 @@ def plan_gaps(
     return replace(passes[0], following=tuple(passes[1:]))
 
 
-def plan_gaps_again(
-    known: GapInputs, arguments: Arguments, progress: Progress, cancel: Cancel
+def plan_tilts_again(
+    known: TiltInputs, arguments: Arguments, progress: Progress, cancel: Cancel
 ) -> SecondPass:
     """Plan again over the gaps that were left when the pass was planned."""
     n = len(known.passes) if known.planned is None else known.planned.n_before
     again = known.again if n == len(known.passes) else None
     before = replace(known, passes=known.passes[:n], again=again)
-    message = message_from(StartGapPlan.__name__, arguments)
-    return plan_gaps(before, message, progress=progress, cancel=cancel)
+    message = message_from(StartTiltPlan.__name__, arguments)
+    return plan_tilts(before, message, progress=progress, cancel=cancel)
 
 
-def maps_so_far(known: GapInputs, *, progress: Progress, cancel: Cancel) -> Maps:
+def maps_so_far(known: TiltInputs, *, progress: Progress, cancel: Cancel) -> Maps:
     """Return the maps that a further pass is planned on: of all passes that were scanned.
 
     They are at the speed of sound that the boundaries were detected with: plans do not wait for a
@@ -75,7 +75,7 @@ def maps_so_far(known: GapInputs, *, progress: Progress, cancel: Cancel) -> Maps
 
 
 def plan_further_pass(
-    known: GapInputs, way: SecondPassPath, *, progress: Progress, cancel: Cancel
+    known: TiltInputs, way: SecondPassPath, *, progress: Progress, cancel: Cancel
 ) -> SecondPass:
     """Return a pass along a way, timed and verified for the robot.
 
