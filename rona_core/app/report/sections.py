@@ -204,11 +204,9 @@ def motion_section(session: Session) -> Html:
     second = session.results.second
     if second is not None and stale_reason("second", session) is None:
         planned = second.value.passes
-        certified = sum(one.plan.may_move for one in planned)
-        words = (
-            f"Tilted passes: {certified} of {len(planned)} motions are certified in the same way."
-        )
-        parts.append(tag("p", words))
+        count = sum(one.plan.may_move for one in planned)
+        said = f"{count} of {len(planned)} motions are certified in the same way"
+        parts.append(tag("p", f"Tilted passes: {said}."))
     passes = usable_second(session)
     if len(passes) > 1:
         n_scans = sum(len(one.scans) for one in passes)

@@ -84,8 +84,9 @@ def replayed(session: Session, *, second: bool = False) -> Replayed | None:
         return None
     planned, n_before = made.value, made.value.n_before
     count = max(len(passes) - n_before, 1)
-    motions = tuple(one.plan.trajectory for one in planned.passes[:count])
-    if None in motions:
+    made_of = [one.plan.trajectory for one in planned.passes[:count]]
+    motions = tuple(motion for motion in made_of if motion is not None)
+    if len(motions) < len(made_of):
         return None
     after = passes[n_before : n_before + len(motions)] or (None,)
     return _replayed(passes[:n_before], motions, after, session.setup.devices)
