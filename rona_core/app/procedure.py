@@ -96,7 +96,7 @@ PROCEDURE = (
         StartTiltScan(),
         "capture second",
         "Scan with the probe tilted",
-        offered="the inner boundary where an upright probe misses it, and what it is sure of",
+        offered="the inner boundary where an upright probe misses it, and fewer wrong echoes",
         seen_first=True,
     ),
     Stage(

@@ -9,7 +9,7 @@ from benchmarks.suites.accuracy.passes import PassFigures, metrics, pass_figures
 from rona_core.session.document import Session
 from tests.scenes import demo_parts
 
-ONE = PassFigures(0.97, 0.4, (0.02, 0.004), (0.01, 0.0), 1.0, bed=True)
+ONE = PassFigures(0.97, 0.4, (0.02, 0.004), (0.01, 0.0), (0.01, 0.0), 1.0, bed=True)
 
 
 def test_a_scans_that_are_off_are_those_of_the_evaluation(demo):
@@ -26,7 +26,7 @@ def test_a_session_has_its_figures_and_an_empty_one_none(demo):
     assert found.bed
     assert 0.0 < found.ratio < 10.0
     # the speed of sound and the line put all A-scans of a patient off alike
-    assert found.apart_off[0] < found.unflagged_off[0]
+    assert found.apart_off[0] < found.counted_off[0]
     assert pass_figures(Session(), {}) is None
 
 

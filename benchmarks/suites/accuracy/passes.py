@@ -43,7 +43,8 @@ class PassFigures:
     coverage: float  # share of the region
     one_pass_coverage: float
     unflagged_off: tuple[float, ...]  # share of A-scans without a flag, for each of ``OFF_MM``
-    apart_off: tuple[float, ...]  # the same, less what all A-scans of the patient err by alike
+    counted_off: tuple[float, ...]  # the same of those that went into the inner map
+    apart_off: tuple[float, ...]  # of those, less what all of a patient err by alike
     ratio: float  # mean squared error of the thickness over its stated variance
     bed: bool
 
@@ -69,7 +70,7 @@ def pass_figures(session: Session, figures: Mapping[str, object]) -> PassFigures
     if made is None or accuracy is None:
         return None
     errors_mm, unflagged = scan_errors(session)
-    errors_mm = errors_mm[unflagged]
+    counted_mm = errors_mm[made.value.inner_used]
     truth = truth_of(session, build_virtual_rig(session.setup).scene)
     thickness_mm = cell_errors_mm(made.value, truth)["thickness"]
     sigma = accuracy.thickness
@@ -78,8 +79,9 @@ def pass_figures(session: Session, figures: Mapping[str, object]) -> PassFigures
     return PassFigures(
         coverage=_number(figures["inner_coverage_fraction"]),
         one_pass_coverage=_number(figures["inner_coverage_one_pass_fraction"]),
-        unflagged_off=_shares_off(errors_mm),
-        apart_off=_shares_off(errors_mm - np.median(errors_mm)),
+        unflagged_off=_shares_off(errors_mm[unflagged]),
+        counted_off=_shares_off(counted_mm),
+        apart_off=_shares_off(counted_mm - np.median(counted_mm)),
         ratio=float(np.mean((thickness_mm**2 / variance)[known])),
         bed=judge_part("bed", session).holds,
     )
@@ -121,10 +123,11 @@ def metrics(found: Sequence[PassFigures | None]) -> Iterator[Metric]:
     yield Metric(f"{title}, largest share of a patient", most, "share", "lower", MOST)
     for k, off_mm in enumerate(OFF_MM):
         for words, shares in (
-            ("off", [one.unflagged_off[k] for one in known]),
-            ("off their median", [one.apart_off[k] for one in known]),
+            ("unflagged A-scans off", [one.unflagged_off[k] for one in known]),
+            ("A-scans in the inner map off", [one.counted_off[k] for one in known]),
+            ("A-scans in the inner map off their median", [one.apart_off[k] for one in known]),
         ):
-            name = f"unflagged A-scans {words} by more than {off_mm:g} mm, mean"
+            name = f"{words} by more than {off_mm:g} mm, mean"
             yield Metric(name, float(np.mean(shares)), "share", "lower")
     for name, values in (
         ("coverage of the inner map", [one.coverage for one in known]),

@@ -17,7 +17,7 @@ from rona_core.ultrasound.probe.probe_model import ProbeSurvey
 
 LEAST_FRONTS = 12  # fewer show nothing of a pass
 WINDOW_MM = 0.25  # fronts further apart are of other cycles, or of other places
-EXPECTED_MM = 0.15  # standard deviation of the offset, which tells one cycle from the next
+EXPECTED_MM = 0.15  # standard deviation of the offset, by which a cycle is chosen
 
 
 def standoff_offset_mm(survey: ProbeSurvey, known_mm: Floats) -> float:
