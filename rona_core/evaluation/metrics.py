@@ -147,7 +147,9 @@ def _scan(session: "Session", truth: Truth) -> Figures:
         figures |= head_shift_figures(session, truth)
         passes = detected_passes(session)
         if passes:
-            figures |= detection_figures(passes, truth)
+            maps = results.maps if len(passes) > 1 else None
+            used = None if maps is None else maps.value.inner_used
+            figures |= detection_figures(passes, truth, used)
             figures |= speed_figures(session, truth)
     if session.captures.second:
         figures["second_pass_points"] = sum(len(one.scans) for one in session.captures.second)

@@ -40,7 +40,9 @@ WRONG_MM = 1.0  # an inner boundary further off than this is a failure
 
 
 def detection_figures(
-    passes: Sequence["tuple[Detection, tuple[ScanCapture, ...]]"], truth: Truth
+    passes: Sequence["tuple[Detection, tuple[ScanCapture, ...]]"],
+    truth: Truth,
+    used: Bools | None = None,
 ) -> Figures:
     """Return the shares of A-scans that are wrong, wrong without a flag, and flagged.
 
@@ -50,8 +52,12 @@ def detection_figures(
         passes: What was detected in the A-scans of captures, one capture after the other; their
             thickness counts as it is, at the speed that it was taken with.
         truth: Of the same session.
+        used: Which A-scans (n,) went into the map, where several passes were fused: the others
+            count as flagged. None: their own flags count.
     """
     flagged = np.concatenate([detection.flag != 0 for detection, _ in passes])
+    if used is not None and len(used) == len(flagged):
+        flagged = ~used
     if not len(flagged):
         return dict.fromkeys(
             ("detection_failure_fraction", "unflagged_failure_fraction", "flagged_fraction")
