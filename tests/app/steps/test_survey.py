@@ -150,7 +150,7 @@ def test_detection_is_called_at_one_place_for_all_scans():
                 callers.add(path.stem)
     # the touch-down of a scan is timed before anything is known of its poses;
     # the floor of a rehearsed bed is listened to without any survey in the session
-    assert callers == {"derivation", "probe_poses", "floor_detector"}
+    assert callers == {"derivation", "probe_poses", "milled_floor"}
     assert [part.name for part in fields(derivation.Survey)] == [
         "scans",
         "poses",
