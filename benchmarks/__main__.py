@@ -51,6 +51,7 @@ SUITES: Mapping[str, str] = {
     "honesty": "honesty",
     "accuracy": "accuracy",
     "passes": "accuracy",
+    "pass_faults": "accuracy",
     "map_ranks": "accuracy",
     "implant": "implant",
     "placement": "implant",

@@ -257,6 +257,11 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
         "suites.accuracy.passes.SEEDS": (),
         "suites.accuracy.passes.FILES": (DEMO,),
     },
+    "pass_faults": {
+        "suites.accuracy.pass_faults.SEEDS": (),
+        "suites.accuracy.pass_faults.FILES": (DEMO,),
+        "suites.accuracy.pass_faults.FAULTS": {"no fault": None},
+    },
     "accuracy": {
         **ONCE,
         "suites.accuracy.accuracy.SEEDS": (),
