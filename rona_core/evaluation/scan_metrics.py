@@ -6,7 +6,7 @@ does to each A-scan is what it does to the map. Beside each stands what the prog
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,7 +20,7 @@ from rona_core.app.steps.scan.view import head_report
 from rona_core.devices.wrench import summarize
 from rona_core.evaluation.map_metrics import cells, outer_errors_mm, thickness_errors_mm
 from rona_core.evaluation.truth import Figures, Truth, rms
-from rona_core.geometry.arrays import Bools, Floats
+from rona_core.geometry.arrays import Bools, Floats, readonly
 from rona_core.geometry.pose import Poses
 from rona_core.mapping.fitting.plate_field import fit_field
 from rona_core.mapping.map_grid import NEAR_MM
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from rona_core.ultrasound.detection.detect import Detection
 
 
-WRONG_MM = 1.0  # an inner boundary further off than this is a failure
+WRONG_MM = 0.5  # a thickness further off than this is a failure
 
 
 def detection_figures(
@@ -66,7 +66,7 @@ def detection_figures(
         [
             wrong_inner(
                 detection,
-                truth.inner_below_mm(Poses.joined([true_probe_poses(s, truth) for s in scans])),
+                truth.thickness_below_mm(Poses.joined([true_probe_poses(s, truth) for s in scans])),
             )
             for detection, scans in passes
         ]
@@ -79,9 +79,10 @@ def detection_figures(
 
 
 def detected_passes(session: "Session") -> "list[tuple[Detection, tuple[ScanCapture, ...]]]":
-    """Return what was found in the A-scans of each pass, its thickness at the speed of the maps.
+    """Return what was found in the A-scans of each pass, its thickness as the maps have it.
 
-    Without a pass that was taken again since it was looked through.
+    At their speed, and less what each pass is off as a whole. Without a pass that was taken again
+    since it was looked through.
     """
     scan, passes = session.captures.scan, list["tuple[Detection, tuple[ScanCapture, ...]]"]()
     first, again = session.results.detection, session.results.second_detection
@@ -93,10 +94,27 @@ def detected_passes(session: "Session") -> "list[tuple[Detection, tuple[ScanCapt
         passes.append((again.value, further))
     places = required(PLACES, session)
     poses = [Poses.joined([places.poses(one) for one in scans]) for _, scans in passes]
+    offsets = _offsets_mm(session)
     return [
-        (at_speed_of_maps(session, found, at), scans)
+        (_less(at_speed_of_maps(session, found, at), scans, offsets), scans)
         for (found, scans), at in zip(passes, poses, strict=True)
     ]
+
+
+def _offsets_mm(session: "Session") -> dict[int, float]:
+    """Return what each pass is off as a whole, by the ordinal of its capture."""
+    maps, scan = session.results.maps, session.captures.scan
+    if maps is None or scan is None or maps.value.offsets_mm is None:
+        return {}
+    passes = (scan, *session.captures.second)
+    return {one.ordinal: float(off) for one, off in zip(passes, maps.value.offsets_mm, strict=False)}
+
+
+def _less(
+    found: "Detection", scans: "tuple[ScanCapture, ...]", offsets: dict[int, float]
+) -> "Detection":
+    off_mm = [np.full(len(one.scans), offsets.get(one.ordinal, 0.0)) for one in scans]
+    return replace(found, thickness_mm=readonly(found.thickness_mm - np.concatenate(off_mm)))
 
 
 def contact_figures(scan: "ScanCapture") -> Figures:
@@ -121,13 +139,12 @@ def head_shift_figures(session: "Session", truth: Truth) -> Figures:
 
 
 def wrong_inner(detection: "Detection", true_mm: Floats) -> Bools:
-    """Return which A-scans (n,) place the inner boundary more than 1 mm off along the probe axis.
+    """Return which A-scans (n,) are more than 0.5 mm off in thickness along the probe axis.
 
     Where there is no inner boundary, an A-scan is wrong only if it claims one without a flag.
     """
-    measured = detection.standoff_mm + detection.thickness_mm
     missing = ~np.isfinite(true_mm)
-    off = np.abs(measured - np.where(missing, 0.0, true_mm)) > WRONG_MM
+    off = np.abs(detection.thickness_mm - np.where(missing, 0.0, true_mm)) > WRONG_MM
     return np.where(missing, detection.flag == 0, off)
 
 
@@ -153,7 +170,7 @@ def speed_figures(session: "Session", truth: Truth) -> Figures:
     """Return how far the speed of the map is off, and the thickness of A-scans with it.
 
     Both over the A-scans that are sure of their inner boundary; the error of the thickness is along
-    the axis of the probe, and leaves out those that took another echo (1 mm off and more).
+    the axis of the probe, and leaves out those that took another echo (0.5 mm off and more).
     """
     detection, maps, scan = session.results.detection, session.results.maps, session.captures.scan
     if detection is None or maps is None or scan is None or len(scan.scans) != len(detection.value):
@@ -251,7 +268,7 @@ def _outer(first: _FirstPass, truth: Truth) -> Figures:
 
 
 def _thickness(first: _FirstPass, truth: Truth) -> Figures:
-    """Return what each cause does to the thickness; wrong echoes (1 mm off) are left out."""
+    """Return what each cause does to the thickness; wrong echoes (0.5 mm off) are left out."""
     maps, taken, n = first.maps, first.speeds_mm_per_us, len(first)
     medium = bone_medium(truth.scene.world)
     true, depth = true_bone(true_probe_poses(first.scan, truth), truth.scene, medium)

@@ -139,15 +139,17 @@ class Truth:
         inward = self._T_skull_base.rotate(-normals_base)
         return self.scene.specimen.thickness(self._T_skull_base @ foot_base, inward)
 
-    def inner_below_mm(self, Ts_base_probe: Poses) -> Floats:
-        """Return distances (n,) from the face of a probe to the inner boundary along its axis.
+    def thickness_below_mm(self, Ts_base_probe: Poses) -> Floats:
+        """Return the thickness of the bone (n,) below the face of each probe, along its axis.
 
-        Infinite where the axis misses it.
+        Infinite where the axis misses the bone or its inner boundary.
         """
         axes = Ts_base_probe.rotations[:, :, 2]
         starts = Ts_base_probe.translations - BEHIND_MM * axes
         rays = self._T_skull_base @ starts, self._T_skull_base.rotate(axes)
-        return self.scene.specimen.layers(*rays)[:, 3] - BEHIND_MM
+        depths = self.scene.specimen.layers(*rays)
+        missed = ~np.isfinite(depths).all(axis=1)
+        return np.where(missed, np.inf, depths[:, 3] - np.where(missed, 0.0, depths[:, 0]))
 
     def landmarks_base(self) -> dict[str, Vector3]:
         """Return the five named points (3,) on the skull."""

@@ -49,6 +49,7 @@ SHAPES: dict[str, dict[str, str]] = {
     "Maps": {
         "n 3": "outer_points_base inner_points_base",
         "n": "outer_used inner_used",
+        "p": "offsets_mm",
         "u v": "outer.height_mm inner.height_mm fused.height_mm",
     },
     "MillingPlan": {"l": "layer_ends_s", "c": "changes_s"},

@@ -29,6 +29,7 @@ CONFIDENT = 0.95  # and where its inner boundary is so likely to be the right on
 LEAST_NEAR = 6
 LEAST_SCATTER_MM = 0.01
 LONELY_SLOPE = 0.15  # taken where there is no neighbour
+STEEPEST_SLOPE = 0.5  # of an inner table; a plane through a few A-scans on one line may be steeper
 # mean probability of the sure echoes, below which most of them may have taken another wave alike
 LEAST_MEAN_QUALITY = 0.955
 CYCLE_SLIP_PROBABILITY = 3 / 7  # of the simulated patients below it, three of seven had
@@ -202,4 +203,5 @@ class _Local:
             rounds=4,
         )
         scatter = mad_sigma(depth - design @ fit, floor=LEAST_SCATTER_MM)
-        return float(fit[0]), float(np.hypot(fit[1], fit[2])), scatter
+        slope = min(float(np.hypot(fit[1], fit[2])), STEEPEST_SLOPE)
+        return float(fit[0]), slope, scatter

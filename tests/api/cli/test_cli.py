@@ -72,9 +72,9 @@ def test_demo_passes_everything_on(run_demo, capsys, tmp_path):
         "probe": "2.25MHz",
         "among": PROCEDURE,
     }
-    assert main([*arguments, "--probe", "1MHz", "--skip", "caliper", "--skip", "gaps"]) == 0
+    assert main([*arguments, "--probe", "1MHz", "--skip", "caliper", "--skip", "tilts"]) == 0
     assert asked["probe"] == "1MHz"
-    left = [stage for stage in PROCEDURE if stage.name not in ("caliper", "gaps")]
+    left = [stage for stage in PROCEDURE if stage.name not in ("caliper", "tilts")]
     assert asked["among"] == tuple(left)
 
 
@@ -130,7 +130,7 @@ def test_bad_input_is_one_line_and_status_2(run_demo, capsys, tmp_path, monkeypa
     assert "--threshold" in refused(capsys, nothing)
     assert "nominal, realistic, hard" in refused(capsys, ["demo", "--world", "calm"])
     assert "2.25MHz, 1MHz, not 5MHz" in refused(capsys, ["demo", "--probe", "5MHz"])
-    assert "gauge, gaps" in refused(capsys, ["demo", "--skip", "roll"])
+    assert "gauge, tilts" in refused(capsys, ["demo", "--skip", "roll"])
     assert run_demo[0] == {}, "nothing has been started"
     assert "there is no session file" in refused(capsys, ["inspect", str(tmp_path / "absent")])
     damaged = tmp_path / "damaged.rona"

@@ -97,7 +97,7 @@ def test_the_milling_goes_where_the_registered_tip_is(demo):
     corrected, drawn = (true_centers_bed(scene, one, way, 100_001) for one in (model, plain))
     shifts = np.linalg.norm(corrected - drawn, axis=1)
     np.testing.assert_allclose(shifts, np.linalg.norm(offset), atol=1e-6)
-    assert np.linalg.norm(truth - offset) < np.linalg.norm(truth)
+    assert np.linalg.norm(truth - offset) < 3.0 * burr_of(demo).tip_sigma_mm
 
 
 def test_without_it_a_bed_is_less_sure_and_the_verdict_says_why(demo, bench):

@@ -71,7 +71,7 @@ def test_the_motion_is_verified_against_its_own_line_and_goes_from_home_to_home(
     found = scanned.results.more["rehearsal"].value
     plan, model = found.floor_plan, probe_robot(milled)
     assert plan.may_move
-    assert found.asked == len(found.places_bed) > 10
+    assert found.asked >= len(found.places_bed) > 10  # not every echo is sure
     assert verified(milled, plan).certified
     np.testing.assert_allclose(plan.trajectory.qs_rad[[0, -1]], [model.home_rad] * 2)
     T_base_bed = milling_view(milled).placed.T_base_bed

@@ -142,7 +142,7 @@ def test_the_gain_that_is_promised_is_the_one_that_comes(mapped):
     bench.run(StartMapping())
     came = thickness_shares(bench.session)
     assert came.total_mm == pytest.approx(gain.then_mm, rel=0.15)
-    assert came.total_mm < 0.6 * gain.now_mm
+    assert came.total_mm < 0.7 * gain.now_mm
     more = reference_gain(bench.session, 2)
     assert more.now_mm == pytest.approx(came.total_mm, rel=0.02)
     assert more.then_mm < more.now_mm

@@ -124,16 +124,15 @@ def facing_region(scene, gaps_mm):
     return Poses.stack([Pose(rotation, center + gap * normal) for gap in gaps_mm])
 
 
-def test_the_inner_boundary_is_found_below_a_probe_that_hovers_or_presses(scene):
-    below = Truth(scene).inner_below_mm(facing_region(scene, (0.0, 1.5, -1.5)))
-    np.testing.assert_allclose(below, (6.0, 7.5, 4.5), atol=1e-9)
+def test_the_bone_is_as_thick_below_a_probe_that_hovers_or_presses(scene):
+    below = Truth(scene).thickness_below_mm(facing_region(scene, (0.0, 1.5, -1.5)))
+    np.testing.assert_allclose(below, (6.0, 6.0, 6.0), atol=1e-9)
 
 
-def test_only_errors_over_one_millimetre_are_failures():
-    true = np.array([7.0, 7.0, 7.0, np.inf, np.inf])
+def test_only_errors_over_half_a_millimetre_are_failures():
+    true = np.array([6.0, 6.0, 6.0, np.inf, np.inf])
     detection = SimpleNamespace(
-        standoff_mm=np.array([1.0, 1.0, 0.0, 1.0, 1.0]),
-        thickness_mm=np.array([6.9, 7.1, 0.0, 6.0, 0.0]),
+        thickness_mm=np.array([6.4, 6.6, 0.0, 6.0, 0.0]),
         flag=np.array([0, 0, 2, 0, 2]),
     )
     np.testing.assert_array_equal(wrong_inner(detection, true), (False, True, True, True, False))
@@ -145,8 +144,8 @@ def test_shares_of_failures_count_flagged_scans_too(scene, monkeypatch):
         "rona_core.evaluation.scan_metrics.true_probe_poses", lambda scan, truth: poses
     )
     flag = np.array([0, 0, 0, 0, 0, 0, 2, 2, 1, 6])
-    thickness = np.array([6.0, 6.5, 5.2, 6.0, 8.0, 6.0, 0.0, 6.0, 0.0, 9.0])
-    detection = SimpleNamespace(flag=flag, standoff_mm=np.zeros(10), thickness_mm=thickness)
+    thickness = np.array([6.0, 6.4, 5.6, 6.0, 8.0, 6.0, 0.0, 6.0, 0.0, 9.0])
+    detection = SimpleNamespace(flag=flag, thickness_mm=thickness)
     assert detection_figures([(detection, (None,))], Truth(scene)) == {
         "detection_failure_fraction": pytest.approx(0.4),
         "unflagged_failure_fraction": pytest.approx(1 / 6),
@@ -156,6 +155,6 @@ def test_shares_of_failures_count_flagged_scans_too(scene, monkeypatch):
 
 def test_no_scans_have_no_shares(scene):
     empty = np.zeros(0)
-    detection = SimpleNamespace(flag=empty, standoff_mm=empty, thickness_mm=empty)
+    detection = SimpleNamespace(flag=empty, thickness_mm=empty)
     figures = detection_figures([(detection, (None,))], Truth(scene))
     assert list(figures.values()) == [None, None, None]

@@ -265,8 +265,9 @@ def test_all_steps_by_keys_alone(surgeon: Surgeon) -> None:
         surgeon.page.keyboard.press("Control+Enter")
         surgeon.wait_state(step, "done")
         surgeon.wait_idle()
-    keyboard.press(surgeon, "Plan second pass")
-    keyboard.press(surgeon, "Scan gaps")
+    keyboard.press(surgeon, "Plan tilted passes")
+    for number in range(1, 5):
+        keyboard.press(surgeon, f"Scan tilted pass {number} of 4")
     keyboard.open_folder(surgeon, "Sound speed calibration")
     keyboard.press(surgeon, "Measure with caliper")
     keyboard.press(surgeon, "Map the boundaries")

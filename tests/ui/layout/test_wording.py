@@ -36,7 +36,7 @@ EXPECTED: tuple[tuple[str, str | None], ...] = (
     (r"\bOn for \(min\)", "Warm-up time (min)"),
     (r"Two cameras", "Stereo error model"),
     (r"Dropped \(%\)", "Frame loss (%)"),
-    (r"Rows and lean", "Row spacing (mm)"),
+    (r"Rows and lean", "Tilt (deg)"),
     (r"Open the skull", "Cut-away window"),
     (r"% sure\b", None),
     (r"\bwedge\b", None),

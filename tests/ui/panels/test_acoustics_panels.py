@@ -48,7 +48,7 @@ def test_an_edited_probe_is_sent_with_what_differs_and_another_name_without():
 
 
 def test_the_table_marks_the_chosen_probe_and_leaves_out_what_it_cannot_reach():
-    chosen = ProbeSettings()
+    chosen = ProbeSettings(shots=1)
     html = performance_table(probe_performances(chosen), chosen)
     assert html.count("▶") == 1
     assert "▶ 2.25 MHz chirp" in html

@@ -1,4 +1,4 @@
-"""A-scans in the browser: image, graph, correcting by hand, and the second pass in step 9."""
+"""A-scans in the browser: image, graph, correcting by hand, and the tilted passes in step 9."""
 
 from dataclasses import replace
 from typing import Any
@@ -103,7 +103,7 @@ def test_choosing_the_other_pass_starts_it_anew(demo: Session) -> None:
     desk = Desk(AScanPanel, demo, ViewState(step="maps", cursor=0.5))
     desk.click("dropdown", "A-scans of", "Second pass")
     assert (desk.view.second, desk.view.cursor) == (True, None)
-    assert f"of {len(demo.captures.second[0].scans)}" in shown(desk)
+    assert f"of {sum(len(one.scans) for one in demo.captures.second)}" in shown(desk)
     desk.session = replace(demo, captures=replace(demo.captures, second=()))
     desk.view = ViewState(step="maps")
     desk.draw()
@@ -209,13 +209,13 @@ def test_the_other_echo_is_taken_by_one_click(demo: Session) -> None:
     assert desk.sent == [CorrectBoundary(i, inner_us=float(found.alternative_us[i]))]
 
 
-def test_the_second_pass_is_planned_scanned_and_told(demo: Session) -> None:
+def test_tilted_passes_are_planned_scanned_and_shown(demo: Session) -> None:
     desk = Desk(MapsPanel, demo, ViewState(step="maps"))
     assert "Inner coverage" in shown(desk)
     again = replace(demo.captures.second[0], ordinal=99)
     desk.session = replace(demo, captures=replace(demo.captures, second=(again,)))
     desk.draw()
-    assert "of the gaps recorded. Map the boundaries with them" in shown(desk)
+    assert "of tilted passes recorded. Map the boundaries with them" in shown(desk)
     first_only = replace(
         demo,
         captures=replace(demo.captures, second=()),
@@ -224,8 +224,8 @@ def test_the_second_pass_is_planned_scanned_and_told(demo: Session) -> None:
     desk.session = first_only
     desk.draw()
     assert "Inner coverage" not in shown(desk)
-    assert desk.gui.find("button", "Scan gaps").disabled
-    desk.click("button", "Plan second pass")
+    assert desk.gui.find("button", "Scan tilted pass").disabled
+    desk.click("button", "Plan tilted passes")
     assert desk.sent == [StartTiltPlan()]
     assert desk.view.second
     desk.session = replace(
@@ -233,17 +233,17 @@ def test_the_second_pass_is_planned_scanned_and_told(demo: Session) -> None:
     )
     desk.draw()
     assert "probe tilt up to" in shown(desk)
-    desk.click("button", "Scan gaps")
+    desk.click("button", "Scan tilted pass 1 of 4")
     assert desk.sent[-1] == StartTiltScan()
 
 
-def test_a_scan_of_the_gaps_is_mapped_where_it_was_made(demo: Session) -> None:
+def test_a_tilted_pass_is_mapped_where_it_was_made(demo: Session) -> None:
     desk = Desk(MapsPanel, demo, ViewState(step="maps", second=True))
-    assert not desk.gui.find("button", "Map with second pass").visible
+    assert not desk.gui.find("button", "Map with tilted passes").visible
     again = replace(demo.captures.second[0], ordinal=99)
     desk.session = replace(demo, captures=replace(demo.captures, second=(again,)))
     desk.draw()
-    desk.click("button", "Map with second pass")
+    desk.click("button", "Map with tilted passes")
     assert desk.sent == [desk.panel.message()]
     assert isinstance(desk.sent[0], StartMapping)
     assert not desk.view.second
@@ -291,7 +291,7 @@ def test_the_scene_shows_the_leaning_path_while_it_matters_and_the_cells_it_brou
 def test_the_legend_of_the_second_path_is_there_when_the_path_is(demo: Session) -> None:
     desk = Desk(MapsPanel, demo, ViewState(step="maps"))
     assert "Inner coverage" in shown(desk)
-    assert "Lean of the probe" not in shown(desk)
+    assert "Tilt of the probe" not in shown(desk)
     desk.view = ViewState(step="maps", second=True)
     desk.draw()
-    assert "Lean of the probe" in shown(desk)
+    assert "Tilt of the probe" in shown(desk)

