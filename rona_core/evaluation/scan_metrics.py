@@ -107,7 +107,9 @@ def _offsets_mm(session: "Session") -> dict[int, float]:
     if maps is None or scan is None or maps.value.offsets_mm is None:
         return {}
     passes = (scan, *session.captures.second)
-    return {one.ordinal: float(off) for one, off in zip(passes, maps.value.offsets_mm, strict=False)}
+    return {
+        one.ordinal: float(off) for one, off in zip(passes, maps.value.offsets_mm, strict=False)
+    }
 
 
 def _less(

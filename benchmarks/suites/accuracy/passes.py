@@ -40,8 +40,8 @@ RATIO_GOAL = 1.4
 class PassFigures:
     """What the passes over one patient gave; None where the procedure ended before its maps."""
 
-    coverage: float  # share of the region
-    one_pass_coverage: float
+    coverage: float  # of the inner map: share of the cells of the outer one
+    one_pass_coverage: float  # share of the region
     off: tuple[float, ...]  # share of the A-scans in the inner map, for each of ``OFF_MM``
     ratio: float  # mean squared error of the thickness over its stated variance
     bed: bool
@@ -67,6 +67,7 @@ def pass_figures(session: Session, figures: Mapping[str, object]) -> PassFigures
     made, accuracy = session.results.maps, map_accuracy(session)
     if made is None or accuracy is None:
         return None
+    outer_ok = made.value.outer.ok
     counted_mm = scan_errors(session)[made.value.inner_used]
     truth = truth_of(session, build_virtual_rig(session.setup).scene)
     thickness_mm = cell_errors_mm(made.value, truth)["thickness"]
@@ -74,7 +75,7 @@ def pass_figures(session: Session, figures: Mapping[str, object]) -> PassFigures
     variance = sigma.whole_own_mm() ** 2 + sigma.shared_mm**2
     known = np.isfinite(thickness_mm)
     return PassFigures(
-        coverage=_number(figures["inner_coverage_fraction"]),
+        coverage=float((made.value.inner.ok & outer_ok).sum() / outer_ok.sum()),
         one_pass_coverage=_number(figures["inner_coverage_one_pass_fraction"]),
         off=_shares_off(counted_mm),
         ratio=float(np.mean((thickness_mm**2 / variance)[known])),

@@ -127,7 +127,9 @@ def test_the_parts_add_up_and_the_robot_counts_where_another_uses_the_map(demo, 
         np.testing.assert_allclose(parts_mm2[2], parts_mm2[0] - rough + carried, atol=1e-12)
     both = maps.inner.ok & maps.outer.ok
     of_mean = {row.cause: row.shared_mm for row in bone.budget}
-    rest_mm2 = sum(of_mean[cause] ** 2 for cause in ("time of flight", "interpolation", BETWEEN_PASSES))
+    rest_mm2 = sum(
+        of_mean[cause] ** 2 for cause in ("time of flight", "interpolation", BETWEEN_PASSES)
+    )
     assert 0.0 < rest_mm2 < 0.5 * rms(bone.own_mm[both]) ** 2
     (silent_around,) = [t for t in TERMS.read(demo).thickness if t.cause == NO_INNER_ECHO]
     rest_mm2 = rest_mm2 + np.broadcast_to(silent_around.shared_mm, both.shape)[both] ** 2
