@@ -162,7 +162,7 @@ def _add_demo(verbs: Any) -> None:
     first, *others = PROBE_DATA
     text = f"probe: {first} (default), {', '.join(others)}"
     verb.add_argument("--probe", default=first, metavar="NAME", help=text)
-    text = "leave out a stage that need not be, e.g. caliper or gaps; may be repeated"
+    text = "leave out a stage that need not be, e.g. caliper or tilts; may be repeated"
     verb.add_argument("--skip", action="append", default=[], metavar="STAGE", help=text)
     verb.add_argument("--out", type=Path, metavar="FILE", help="save the session here")
     verb.add_argument("--json", action="store_true", help="print one JSON object, no table")

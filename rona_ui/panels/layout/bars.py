@@ -347,7 +347,7 @@ def scan_words(snapshot: Snapshot) -> str:
             f"{cursor * times[0]:.1f} of {times[0]:.1f} s, "
             f"{_phase(cursor * times[0], times)}; {view.speed:.0f}× real time"
         )
-    return ("Second pass. " if view.second else "") + words
+    return ("Tilted passes. " if view.second else "") + words
 
 
 def _phase(time_s: float, times: tuple[float, float, float]) -> str:

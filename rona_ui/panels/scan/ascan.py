@@ -129,7 +129,7 @@ class ManualBoundaryControls:
 
 SCANS: dict[str, ScanName] = {
     "First pass": "first",
-    "Second pass": "second",
+    "Tilted passes": "second",
     "Handheld scan": "hand",
 }
 BARS = "Bars at the bottom: search gates of the boundaries. Drag to zoom."

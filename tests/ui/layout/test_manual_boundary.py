@@ -77,12 +77,12 @@ def test_both_scans_are_offered_and_choosing_one_shows_its_maps_too(session):
     )
     desk = Desk(AScanPanel, both, MAPS)
     which = desk.gui.find("dropdown", "A-scans of")
-    assert which.options == ("First pass", "Second pass", "Handheld scan")
+    assert which.options == ("First pass", "Tilted passes", "Handheld scan")
     assert which.value == "First pass"
     desk.click("dropdown", "A-scans of", "Handheld scan")
     assert desk.view.handheld
     assert desk.draw().scan == "hand"
-    desk.click("dropdown", "A-scans of", "Second pass")
+    desk.click("dropdown", "A-scans of", "Tilted passes")
     assert (desk.view.handheld, desk.draw().scan) == (False, "second")
     nodes = SceneNodes()
     for by_hand in (False, True):  # its cells belong to the robot's map

@@ -101,7 +101,7 @@ def test_a_part_of_the_path_is_shown_around_the_cursor(demo: Session) -> None:
 
 def test_choosing_the_other_pass_starts_it_anew(demo: Session) -> None:
     desk = Desk(AScanPanel, demo, ViewState(step="maps", cursor=0.5))
-    desk.click("dropdown", "A-scans of", "Second pass")
+    desk.click("dropdown", "A-scans of", "Tilted passes")
     assert (desk.view.second, desk.view.cursor) == (True, None)
     assert f"of {sum(len(one.scans) for one in demo.captures.second)}" in shown(desk)
     desk.session = replace(demo, captures=replace(demo.captures, second=()))

@@ -1,4 +1,4 @@
-"""Maps: boundaries detected in the A-scans, mapped and fused; the second pass over gaps."""
+"""Maps: boundaries detected in the A-scans, mapped and fused; the tilted passes."""
 
 from dataclasses import replace
 
@@ -92,7 +92,7 @@ STEP = declare.Step(
                 parts.robot_errors,
                 parts.specimen,
                 parts.bone_and_probe,
-                parts.of_input(SCAN),  # it looks into the gaps of that scan
+                parts.of_input(SCAN),  # it goes along the path of that scan
                 parts.contact,
                 parts.CLAMPED_PROBE,
                 parts.HEAD,

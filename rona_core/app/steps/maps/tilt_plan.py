@@ -1,4 +1,4 @@
-"""Plan of a further pass over the gaps of the inner map, or along given lines."""
+"""Plan of the tilted passes over the whole path, or of a further one along given lines."""
 
 from dataclasses import replace
 
@@ -29,10 +29,9 @@ from rona_core.session.document import SecondPass
 def plan_tilts(
     known: TiltInputs, message: StartTiltPlan, *, progress: Progress, cancel: Cancel
 ) -> SecondPass:
-    """Plan, time and verify a scan of the gaps that all passes so far left, or along given lines.
+    """Plan, time and verify scans with the probe tilted, over the whole path or along given lines.
 
     Raises:
-        StepBlockedError: there is no gap worth a scan.
         InvalidInputError: a line leaves the outer map.
     """
     if message.rows:
@@ -49,7 +48,7 @@ def plan_tilts(
 def plan_tilts_again(
     known: TiltInputs, arguments: Arguments, progress: Progress, cancel: Cancel
 ) -> SecondPass:
-    """Plan again over the gaps that were left when the pass was planned."""
+    """Plan again, with the passes that there were when it was planned."""
     n = len(known.passes) if known.planned is None else known.planned.n_before
     again = known.again if n == len(known.passes) else None
     before = replace(known, passes=known.passes[:n], again=again)
