@@ -91,6 +91,11 @@ class Maps:
             fused=fused,
         )
 
+    @property
+    def inner_share(self) -> float:
+        """Share of the cells of the outer map that have an inner boundary."""
+        return float((self.inner.ok & self.outer.ok).sum() / max(int(self.outer.ok.sum()), 1))
+
     def thickness_mm(self) -> Floats:
         """Return outer minus inner height (nu, nv); valid where both maps are ok."""
         return self.outer.height_mm - self.inner.height_mm

@@ -90,7 +90,7 @@ async def _send_pieces(send: Send, message: Message) -> None:
             await asyncio.sleep(0)
 
 
-LONGEST_ARRAY = 2000  # values of an array that JSON holds, some 40 KB
+LONGEST_ARRAY = 1000  # values of an array that JSON holds, some 20 KB
 NPY = "application/octet-stream"
 
 

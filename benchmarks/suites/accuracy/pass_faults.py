@@ -161,7 +161,7 @@ def _figures(session: Session) -> FaultFigures | None:
     return FaultFigures(
         rms_mm=rms(errors_mm) or 0.0,
         off=float(np.mean(np.abs(errors_mm) > OFF_MM)),
-        coverage=float((maps.inner.ok & maps.outer.ok).sum() / max(maps.outer.ok.sum(), 1)),
+        coverage=maps.inner_share,
         flags=frozenset(row.key for row in rows if row.verdict in ("review", "fail")),
     )
 

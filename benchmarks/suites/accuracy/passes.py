@@ -67,7 +67,6 @@ def pass_figures(session: Session, figures: Mapping[str, object]) -> PassFigures
     made, accuracy = session.results.maps, map_accuracy(session)
     if made is None or accuracy is None:
         return None
-    outer_ok = made.value.outer.ok
     counted_mm = scan_errors(session)[made.value.inner_used]
     truth = truth_of(session, build_virtual_rig(session.setup).scene)
     thickness_mm = cell_errors_mm(made.value, truth)["thickness"]
@@ -75,7 +74,7 @@ def pass_figures(session: Session, figures: Mapping[str, object]) -> PassFigures
     variance = sigma.whole_own_mm() ** 2 + sigma.shared_mm**2
     known = np.isfinite(thickness_mm)
     return PassFigures(
-        coverage=float((made.value.inner.ok & outer_ok).sum() / outer_ok.sum()),
+        coverage=made.value.inner_share,
         one_pass_coverage=_number(figures["inner_coverage_one_pass_fraction"]),
         off=_shares_off(counted_mm),
         ratio=float(np.mean((thickness_mm**2 / variance)[known])),

@@ -232,7 +232,6 @@ class MapFacts:
     thickness_mm: Floats
     thickness_sigma_mm: float | None  # RMS; None where it is not known
     outer_cm2: float
-    inner_share: float  # of the outer map
 
 
 def map_facts(session: Session) -> MapFacts | None:
@@ -249,7 +248,6 @@ def map_facts(session: Session) -> MapFacts | None:
         thickness_mm=sheet.thickness_mm()[ok],
         thickness_sigma_mm=float(np.sqrt(np.mean(known**2))) if known.size else None,
         outer_cm2=float(outer_ok.sum()) * du * dv / MM2_PER_CM2,
-        inner_share=float(ok.sum()) / max(int(outer_ok.sum()), 1),
     )
 
 
@@ -265,7 +263,7 @@ def map_tiles(session: Session, found: MapFacts | None) -> tuple[Html, ...]:
         words = f"10 to 90 %: {low:.1f} to {high:.1f} mm"
         words += "" if sigma is None else f"; expected error {sigma:.2f} mm (1 σ)"
         thick = tile("Bone thickness, median", f"{middle:.1f} mm", words)
-    share = f"inner boundary in {100.0 * found.inner_share:.0f} % of it"
+    share = f"inner boundary in {100.0 * found.sheet.maps.inner_share:.0f} % of it"
     return (thick, tile("Mapped area", f"{found.outer_cm2:.1f} cm²", share))
 
 

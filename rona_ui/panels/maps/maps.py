@@ -271,8 +271,9 @@ class MapsPanel(StepPanel):
             return ""
         value = found.value
         words = (
-            f"Outer boundary in {100.0 * float(value.outer_ok.mean()):.0f} %, inner boundary in "
-            f"{100.0 * float(value.inner_ok.mean()):.0f} % of {len(value.inner_ok)} A-scans."
+            f"Outer boundary in {100.0 * float(value.outer_ok.mean()):.0f} % of "
+            f"{len(value.outer_ok)} A-scans, inner boundary below {100.0 * maps.inner_share:.0f} % "
+            "of the mapped outer one."
         )
         accuracy = accuracy_sentence(snapshot.session, hand=shows_handheld_maps(snapshot))
         if accuracy:

@@ -42,10 +42,12 @@ def _partial(session: Session) -> str | None:
 
 
 def _summary(session: Session) -> str:
-    if session.results.detection is None or session.results.maps is None:
-        return ""
-    found = session.results.detection.value
-    return f"inner boundary in {100 * float(found.inner_ok.mean()):.0f} % of A-scans"
+    maps = session.results.maps
+    return (
+        ""
+        if maps is None
+        else f"inner boundary in {100 * maps.value.inner_share:.0f} % of the outer map"
+    )
 
 
 STEP = declare.Step(
