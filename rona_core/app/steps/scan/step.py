@@ -15,17 +15,26 @@ from rona_core.app.dependencies.staleness import (
 )
 from rona_core.app.runtime.handling import compute_result, record
 from rona_core.app.runtime.recording import ARRIVAL_S, begin, finish
+from rona_core.app.steps.path.inputs import SMOOTHING
 from rona_core.app.steps.scan.captures import capture_scan
 from rona_core.app.steps.scan.derivation import GAUGE, GaugeCapture, find_mounting
 from rona_core.app.steps.scan.landmarks.step import LANDMARKS, verified_first
 from rona_core.app.steps.scan.messages import (
     CalibrateProbeMounting,
+    JudgeQuickLook,
     StartHome,
     StartProbeMountingCapture,
+    StartQuickLook,
     StartRetract,
     StartScan,
 )
 from rona_core.app.steps.scan.planned_motion import planned_scans
+from rona_core.app.steps.scan.quick_look import (
+    LOOKS,
+    LookCapture,
+    capture_looks,
+    compare_probes,
+)
 from rona_core.app.steps.scan.view import unwatched
 from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.setup.capture_parts import BLOCK_PROBE
@@ -153,7 +162,10 @@ def _summary(session: Session) -> str:
 
 STEP = declare.Step(
     "scan",
-    commands=(declare.Command(CalibrateProbeMounting, calibrate_probe_mounting, needs=(GAUGE,)),),
+    commands=(
+        declare.Command(CalibrateProbeMounting, calibrate_probe_mounting, needs=(GAUGE,)),
+        declare.Command(JudgeQuickLook, compute_result, needs=(LOOKS,)),
+    ),
     activities=(
         declare.Activity(
             StartScan,
@@ -170,6 +182,13 @@ STEP = declare.Step(
             record("gauge", capture_gauge, CalibrateProbeMounting),
             "Pressing the probe on the gauge plate",
             makes=("gauge",),
+        ),
+        declare.Activity(
+            StartQuickLook,
+            record("looks", capture_looks, JudgeQuickLook),
+            "Taking a quick look with each probe",
+            needs=(SMOOTHING,),
+            makes=("looks",),
         ),
         declare.Activity(
             StartRetract,
@@ -202,8 +221,17 @@ STEP = declare.Step(
             (parts.of_input(BLOCK_PROBE), parts.BLOCK, parts.CLAMPED_PROBE),
             types=(GaugeCapture,),
         ),
+        declare.Capture(
+            "looks",
+            "take a quick look with each probe (step 8)",
+            (parts.specimen, parts.bone_and_looks),
+            types=(LookCapture,),
+        ),
     ),
     results=(
+        declare.Result.of(
+            "quick_look", JudgeQuickLook, compare_probes, "compare the probes (step 8)"
+        ),
         declare.Result.of(
             "mounting",
             CalibrateProbeMounting,
