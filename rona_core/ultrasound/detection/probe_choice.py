@@ -12,7 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from rona_core.devices.probes import PROBE_DATA
+from rona_core.devices.protocols import Cancel, Progress, never, silent
+from rona_core.devices.samples import AScanTrack
 from rona_core.errors import InvalidInputError
+from rona_core.geometry.arrays import Floats
 from rona_core.ultrasound.detection.detect import OK, TOO_THIN, UNSURE, detect
 from rona_core.ultrasound.probe.probe_model import ProbeSurvey
 
@@ -65,21 +68,58 @@ class ProbeAdvice:
         return self.advised != self.used
 
 
-def expected_coverage(looks: Sequence[ProbeSurvey], lines: int) -> ExpectedCoverage:
+def compare(
+    probes: Sequence[Sequence[ProbeSurvey]],
+    lines: int,
+    *,
+    progress: Progress = silent,
+    cancel: Cancel = never,
+) -> QuickLook:
+    """Return what a scan with each probe is expected to cover.
+
+    The loss of the bone is learned from all looks of the first probe that shows it: those of a
+    single look are too few.
+
+    Args:
+        probes: Looks with each probe, see `expected_coverage`.
+        lines: How many lines there are.
+        progress: Receives the share that is done, 0 to 1.
+        cancel: Asked between blocks of A-scans.
+
+    Raises:
+        InvalidInputError: as `expected_coverage` raises it.
+        CancelledError: ``cancel`` said so.
+    """
+    learned = (detect(_together(looks), cancel=cancel).bone_loss for looks in probes)
+    loss = next((one for one in learned if one is not None), 1.0)
+    found: list[ExpectedCoverage] = []
+    for looks in probes:
+        progress((1.0 + len(found)) / (1.0 + len(probes)))
+        found.append(expected_coverage(looks, lines, loss, cancel=cancel))
+    progress(1.0)
+    return QuickLook(lines, tuple(found))
+
+
+def expected_coverage(
+    looks: Sequence[ProbeSurvey], lines: int, bone_loss: float, *, cancel: Cancel = never
+) -> ExpectedCoverage:
     """Return what a scan is expected to cover of the region, by looks with one probe.
 
     Args:
         looks: A-scans (n) of each look, line after line, all lines equally long.
         lines: How many lines there are.
+        bone_loss: Attenuation of the bone over the nominal one.
+        cancel: Asked between blocks of A-scans.
 
     Raises:
         InvalidInputError: no look, or A-scans that do not come out even.
+        CancelledError: ``cancel`` said so.
     """
     if not looks or any(len(one.track) != len(looks[0].track) for one in looks):
         raise InvalidInputError("quick looks need to be at the same places, and at least one")
     if lines < 1 or len(looks[0].track) % lines:
         raise InvalidInputError(f"{len(looks[0].track)} A-scans make no {lines} lines")
-    found = [detect(one) for one in looks]
+    found = [detect(one, bone_loss=bone_loss, cancel=cancel) for one in looks]
     shape = (len(looks), lines, -1)
     flag = np.array([one.flag for one in found]).reshape(shape)
     sure = (flag == OK).any(axis=(0, 2))
@@ -91,6 +131,24 @@ def expected_coverage(looks: Sequence[ProbeSurvey], lines: int) -> ExpectedCover
         sure=float(sure.mean()),
         thin=float(thin.mean()),
     )
+
+
+def _together(looks: Sequence[ProbeSurvey]) -> ProbeSurvey:
+    """Return all looks with one probe as one survey."""
+    return ProbeSurvey(
+        AScanTrack.joined([one.track for one in looks]),
+        looks[0].probe,
+        looks[0].excitation,
+        positions_mm=_joined([one.positions_mm for one in looks]),
+        axes=_joined([one.axes for one in looks]),
+        known_standoff_mm=_joined([one.known_standoff_mm for one in looks]),
+    )
+
+
+def _joined(parts: Sequence[Floats | None]) -> Floats | None:
+    """Return arrays one after the other; None where one of them is not known."""
+    known = [part for part in parts if part is not None]
+    return np.concatenate(known) if len(known) == len(parts) else None
 
 
 def advise(look: QuickLook, used: str) -> ProbeAdvice:

@@ -32,18 +32,13 @@ class CalibrateProbeMounting:
 
 @message
 class StartQuickLook:
-    """Look at short lines over the path with each probe by hand; then compare the probes.
+    """Look at short lines over the path with each probe by hand, and compare the probes.
 
     Each probe is held in a collar, upright and tilted as in the tilted passes. It tells before the
     scan how far each probe would map the inner boundary.
     """
 
     lines: int = number(12, "Number of lines", "", 4, 60, 1, hint="Of 5 A-scans, over the path")
-
-
-@message
-class JudgeQuickLook:
-    """Compute what a scan with each probe is expected to cover, from the quick look."""
 
 
 @message

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rona_core.app.declarations.declarations import ActivityContext
+from rona_core.app.declarations.declarations import ActivityContext, Message
 from rona_core.app.declarations.inputs import Input, given, inputs
 from rona_core.app.dependencies.staleness import (
     capture_input,
@@ -12,10 +12,13 @@ from rona_core.app.dependencies.staleness import (
     required,
     stale_reason,
 )
-from rona_core.app.runtime.recording import begin
+from rona_core.app.messages.message import StoreCapture
+from rona_core.app.runtime.handling import computed, derive_all, strip_for_worker
+from rona_core.app.runtime.recording import begin, part_of
 from rona_core.app.steps.path.inputs import SMOOTHING
-from rona_core.app.steps.scan.messages import JudgeQuickLook, StartQuickLook
+from rona_core.app.steps.scan.messages import StartQuickLook
 from rona_core.app.steps.setup.capture_parts import LOOK_PROBES
+from rona_core.devices.protocols import Cancel, Progress
 from rona_core.devices.samples import AScanTrack
 from rona_core.devices.settings import ProbeSettings
 from rona_core.errors import CancelledError
@@ -27,12 +30,13 @@ from rona_core.ultrasound.detection.probe_choice import (
     ProbeAdvice,
     QuickLook,
     advise,
-    expected_coverage,
+    compare,
 )
 from rona_core.ultrasound.probe.probe_model import ProbeSurvey, probe_model
 
 SHOTS = 5  # A-scans of a line
 PITCH_MM = 1.0
+RECORDING_SHARE = 0.5  # of the time of a quick look
 DEPTH_MM = 1.0  # by which the collar presses the line of the probe
 
 
@@ -62,6 +66,17 @@ class LookInputs:
     """What the probes are compared by."""
 
     looks: LookCapture = given(LOOKS, "quick look")
+
+
+def take_quick_look(
+    activity: StartQuickLook, session: Session, context: ActivityContext
+) -> tuple[Message, ...]:
+    """Carry out `StartQuickLook`."""
+    taken = capture_looks(activity, session, part_of(context, 0.0, RECORDING_SHARE))
+    looked = session.with_capture("looks", taken)
+    part = part_of(context, RECORDING_SHARE, 1.0 - RECORDING_SHARE)
+    values = part.run(derive_all, strip_for_worker(looked), activity)
+    return (StoreCapture("looks", taken), *computed(activity, values, looked))
 
 
 def capture_looks(
@@ -108,12 +123,18 @@ def line_rows(path: Path5D, lines: int) -> Ints:
     return np.abs(way_mm - wanted.reshape(-1, 1)).argmin(axis=1)
 
 
-def compare_probes(known: LookInputs, message: JudgeQuickLook) -> QuickLook:
-    """Return what a scan with each probe is expected to cover."""
+def compare_probes(
+    known: LookInputs, message: StartQuickLook, *, progress: Progress, cancel: Cancel
+) -> QuickLook:
+    """Return what a scan with each probe is expected to cover.
+
+    Raises:
+        CancelledError: ``cancel`` said so.
+    """
     held = known.looks
     looks = len(held.axes_base)
     standoff_mm = np.full(len(held.places_base), -held.depth_mm)
-    expected = []
+    probes: list[list[ProbeSurvey]] = []
     for number, probe in enumerate(held.probes):
         tracks = held.tracks[number * looks : (number + 1) * looks]
         surveys = [
@@ -127,8 +148,8 @@ def compare_probes(known: LookInputs, message: JudgeQuickLook) -> QuickLook:
             )
             for track, axes in zip(tracks, held.axes_base, strict=True)
         ]
-        expected.append(expected_coverage(surveys, held.lines))
-    return QuickLook(held.lines, tuple(expected))
+        probes.append(surveys)
+    return compare(probes, held.lines, progress=progress, cancel=cancel)
 
 
 def probe_advice(session: Session) -> ProbeAdvice | None:

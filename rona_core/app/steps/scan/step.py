@@ -21,7 +21,6 @@ from rona_core.app.steps.scan.derivation import GAUGE, GaugeCapture, find_mounti
 from rona_core.app.steps.scan.landmarks.step import LANDMARKS, verified_first
 from rona_core.app.steps.scan.messages import (
     CalibrateProbeMounting,
-    JudgeQuickLook,
     StartHome,
     StartProbeMountingCapture,
     StartQuickLook,
@@ -30,10 +29,9 @@ from rona_core.app.steps.scan.messages import (
 )
 from rona_core.app.steps.scan.planned_motion import planned_scans
 from rona_core.app.steps.scan.quick_look import (
-    LOOKS,
     LookCapture,
-    capture_looks,
     compare_probes,
+    take_quick_look,
 )
 from rona_core.app.steps.scan.view import unwatched
 from rona_core.app.steps.setup import capture_parts as parts
@@ -162,10 +160,7 @@ def _summary(session: Session) -> str:
 
 STEP = declare.Step(
     "scan",
-    commands=(
-        declare.Command(CalibrateProbeMounting, calibrate_probe_mounting, needs=(GAUGE,)),
-        declare.Command(JudgeQuickLook, compute_result, needs=(LOOKS,)),
-    ),
+    commands=(declare.Command(CalibrateProbeMounting, calibrate_probe_mounting, needs=(GAUGE,)),),
     activities=(
         declare.Activity(
             StartScan,
@@ -185,7 +180,7 @@ STEP = declare.Step(
         ),
         declare.Activity(
             StartQuickLook,
-            record("looks", capture_looks, JudgeQuickLook),
+            take_quick_look,
             "Taking a quick look with each probe",
             needs=(SMOOTHING,),
             makes=("looks",),
@@ -230,7 +225,7 @@ STEP = declare.Step(
     ),
     results=(
         declare.Result.of(
-            "quick_look", JudgeQuickLook, compare_probes, "compare the probes (step 8)"
+            "quick_look", StartQuickLook, compare_probes, "compare the probes (step 8)"
         ),
         declare.Result.of(
             "mounting",
