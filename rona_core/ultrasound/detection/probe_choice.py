@@ -19,7 +19,7 @@ from rona_core.geometry.arrays import Floats
 from rona_core.ultrasound.detection.detect import OK, TOO_THIN, UNSURE, detect
 from rona_core.ultrasound.probe.probe_model import ProbeSurvey
 
-CLEAR = 0.2  # of the region, by which another probe is to be better; two of a dozen lines is chance
+CLEAR = 0.16  # of the region, by which another probe is to be better: two of a dozen lines
 
 
 @dataclass(frozen=True, slots=True)
