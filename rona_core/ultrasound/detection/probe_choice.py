@@ -3,7 +3,7 @@
 A look is a pass with the probe upright or tilted. How far a whole scan would map the inner boundary
 is expected from the lines at which any look is sure of it, less the places whose bone is too thin
 for the probe. Single A-scans do not tell: detection is sure of an echo where its neighbours have it
-too. See docs/algorithms/ultrasound/probes.md.
+too. See docs/algorithms/ultrasound/probe_choice.md.
 """
 
 from collections.abc import Sequence

@@ -113,7 +113,7 @@ def advice_note(session: Session) -> str:
     )
     return style.text(
         f"Use {words}; the higher frequency resolves better, hard bone needs the lower. A quick "
-        "look with each probe (step 8) tells which one suits this bone."
+        "look with each probe (step 8) says which one suits this bone."
     )
 
 

@@ -44,7 +44,7 @@ def other_scan(session: Session) -> Remedy:
     """Return which scan may find more of the inner boundary: another probe or another region."""
     advice = probe_advice(session)
     if advice is None:
-        look = "take a quick look with each probe (step 8), which tells whether another one helps"
+        look = "take a quick look with each probe (step 8), which says whether another one helps"
         return Remedy(look, StartQuickLook())
     if not advice.another:
         words = "choose another region (step 1): by the quick look no other probe is clearly better"

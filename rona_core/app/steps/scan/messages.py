@@ -34,7 +34,7 @@ class CalibrateProbeMounting:
 class StartQuickLook:
     """Look at short lines over the path with each probe by hand, and compare the probes.
 
-    Each probe is held in a collar, upright and tilted as in the tilted passes. It tells before the
+    Each probe is held in a collar, upright and tilted as in the tilted passes. It says before the
     scan how far each probe would map the inner boundary.
     """
 

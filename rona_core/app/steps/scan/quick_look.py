@@ -85,7 +85,7 @@ def capture_looks(
     """Record short lines over the path with each probe, upright and tilted.
 
     Raises:
-        CancelledError: Cancel or Stop was pressed: half a look tells nothing.
+        CancelledError: Cancel or Stop was pressed: half a look says nothing.
     """
     path = required(SMOOTHING, session).path
     rows = line_rows(path, activity.lines)
