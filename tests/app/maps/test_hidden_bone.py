@@ -16,21 +16,10 @@ from rona_core.app.steps.maps.inputs import MAPS
 from rona_core.app.steps.scan.messages import StartQuickLook
 from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.compose import new_workbench
-from rona_core.geometry.arrays import readonly
 from rona_core.ultrasound.detection.probe_choice import ProbeAdvice
+from tests.app.maps.further import covering
 
 HIDDEN = "rona_core.app.steps.maps.hidden_bone.probe_advice"
-
-
-def covering(session, share):
-    """Return the session whose inner map has this share of the cells of its outer map."""
-    held = session.results.maps
-    maps = held.value
-    left = maps.outer.ok & maps.inner.ok
-    rows = maps.outer.ok.cumsum().reshape(maps.outer.ok.shape)
-    left &= rows <= share * maps.outer.ok.sum()
-    inner = replace(maps.inner, ok=readonly(left))
-    return session.with_result("maps", replace(held, value=replace(maps, inner=inner)))
 
 
 def advised(monkeypatch, advice):
