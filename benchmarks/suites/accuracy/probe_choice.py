@@ -55,7 +55,8 @@ def chosen(seed: int, progress: Progress) -> Choice:
         coverage[probe] = float(found) if isinstance(found, int | float) else 0.0
         if look is None:
             bench = new_workbench(session)
-            look = bench.run(StartQuickLook()).results.more["quick_look"].value
+            held = bench.run(StartQuickLook()).results.get("quick_look")
+            look = None if held is None else held.value
             bench.close()
     if not isinstance(look, QuickLook):
         return Choice(coverage, {probe: probe for probe in PROBE_DATA})
