@@ -52,6 +52,7 @@ SUITES: Mapping[str, str] = {
     "accuracy": "accuracy",
     "passes": "accuracy",
     "pass_faults": "accuracy",
+    "probe_choice": "accuracy",
     "map_ranks": "accuracy",
     "implant": "implant",
     "placement": "implant",

@@ -23,6 +23,7 @@ DEFAULT: Mapping[str, Mapping[str, Any]] = {
         "suites.accuracy.accuracy.PLACES": {},
     },
     "passes": {"suites.accuracy.passes.SEEDS": range(62_000, 62_012)},
+    "probe_choice": {"suites.accuracy.probe_choice.SEEDS": (61_201, 61_204)},
     "map_ranks": {
         "suites.accuracy.map_ranks.SEEDS": range(21_000, 21_006),
         "suites.accuracy.map_ranks.SKULL_SEEDS": (),

@@ -253,6 +253,7 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
         "suites.implant.bed_lines.KINDS": ("best lines",),
         "suites.implant.bed_lines.DRAWS": 60,
     },
+    "probe_choice": {"suites.accuracy.probe_choice.SEEDS": ()},
     "passes": {
         "suites.accuracy.passes.SEEDS": (),
         "suites.accuracy.passes.FILES": (DEMO,),

@@ -39,6 +39,7 @@ class Stage:
     title: str  # words of a button
     offered: str = ""  # what it brings, where the procedure is complete without it
     seen_first: bool = False  # its step is looked at before it is started
+    ends_weak: bool = False  # where what it makes is weak, the procedure ends short of its aim
 
     @property
     def step(self) -> str:
@@ -58,6 +59,10 @@ class Stage:
         remedy = self.judgement(session).remedy
         message = None if remedy is None else remedy.message
         return self.message if message == type(self.message)() else message
+
+    def falls_short(self, session: Session) -> bool:
+        """Return whether all is done and yet the procedure ends short of its aim here."""
+        return self.ends_weak and self.judgement(session).state == "weak"
 
     def is_due(self, session: Session) -> bool:
         """Return whether a message of this very stage makes its part usable now."""
@@ -106,7 +111,7 @@ PROCEDURE = (
         "Measure with caliper",
         offered="the speed of sound of this bone in place of the published mean",
     ),
-    Stage("maps", StartMapping(), "maps", "Map the boundaries"),
+    Stage("maps", StartMapping(), "maps", "Map the boundaries", ends_weak=True),
     Stage(
         "burr",
         StartBurrCapture(),
@@ -166,7 +171,7 @@ TO_MAPS = stages("maps")
 def next_stage(
     session: Session, skipped: Collection[str] = (), among: Stages = PROCEDURE
 ) -> Stage | None:
-    """Return the first stage whose part is not usable; None where all are.
+    """Return the first stage whose part is not usable, else one that is too weak; None: all done.
 
     An offered stage is passed over where it was skipped, or where another one is to come first.
     """
@@ -175,7 +180,7 @@ def next_stage(
             continue
         if not stage.offered or (stage.name not in skipped and stage.is_due(session)):
             return stage
-    return None
+    return next((stage for stage in among if stage.falls_short(session)), None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,6 +212,8 @@ def run_procedure(
     """
     left: dict[str, str] = {}
     while (stage := next_stage(bench.session, left, among)) is not None:
+        if stage.falls_short(bench.session):
+            return Ending(False, stage.name, _words(stage.judgement(bench.session)), left)
         progress(stage.name, 0.0)
         reason = _carry_out(stage, bench, progress)
         if reason is not None and not stage.offered:
@@ -237,7 +244,12 @@ def _carry_out(stage: Stage, bench: Workbench, progress: StepProgress) -> str | 
     plan = bench.session.results.roll
     if stage.name == "roll" and plan is not None and (why := why_no_plan(plan.value)) is not None:
         return f"{why}. {_base_move(bench)}"
-    return found.reason
+    return _words(found)
+
+
+def _words(found: Judgement) -> str:
+    """Return why something is not usable or weak, and what is best done next."""
+    return found.reason if found.remedy is None else f"{found.reason}. Next: {found.remedy.words}"
 
 
 def _send(stage: Stage, bench: Workbench, progress: StepProgress) -> None:

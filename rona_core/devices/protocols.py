@@ -64,6 +64,24 @@ class Bench(Protocol):
         """
         ...
 
+    def record_on_bone(
+        self, settings: ProbeSettings, places_base: Floats, axes_base: Floats, depth_mm: float
+    ) -> AScanTrack:
+        """Fire a probe by hand once at each place of the bone.
+
+        A collar on the bone holds it along an inward axis and presses its line in.
+
+        Args:
+            settings: Of the probe.
+            places_base: On the bone (n, 3).
+            axes_base: Unit vectors (n, 3) into the bone.
+            depth_mm: By which the collar presses the line in.
+
+        Raises:
+            DeviceError: there is no bone at a place.
+        """
+        ...
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DrawnHead:

@@ -2,7 +2,7 @@
 
 import math
 import unicodedata
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar, Literal
 
 from rona_core.devices.limits import choice, limited, number, require_limits, switch
@@ -277,6 +277,13 @@ class ProbeSettings:
     def averaged_snr_db(self) -> float:
         """Front echo over the noise of an A-scan, whose shots have noise of their own each."""
         return self.front_snr_db + 10.0 * math.log10(self.shots)
+
+    def of_probe(self, name: str) -> "ProbeSettings":
+        """Return these settings of a probe of the catalogue; another one is as it is built."""
+        if name == self.name:
+            return self
+        built = dict.fromkeys(("centre_mhz", "bandwidth", "aperture_mm", "line_length_mm"))
+        return replace(self, name=name, pulse_shape=None, **built)
 
 
 @dataclass(frozen=True, slots=True)

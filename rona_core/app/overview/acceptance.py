@@ -6,8 +6,8 @@ from typing import Any, Literal
 
 from rona_core.app.declarations.figures import FIGURES, PREDICTED, SECTIONS, Figure, Sense
 from rona_core.app.declarations.registry import REGISTRY
+from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.dependencies.staleness import CAPTURE, stale_reason
-from rona_core.app.steps.boundaries.probe_advice import probe_advice
 from rona_core.app.steps.scan.landmarks.step import verification
 from rona_core.app.steps.scan.view import unwatched
 from rona_core.session.document import Session
@@ -194,9 +194,7 @@ def _with_own_word(figure: Figure, judged: Verdict, session: Session) -> tuple[V
         if speed.value.verdict == "bad" and stale_reason("speed", session) is None:
             return "fail", f"{CONTRADICTED}: {'; '.join(speed.value.reasons)}"
     if key == "inner_coverage_fraction" and judged in ("review", "fail"):
-        advice = probe_advice(session)
-        if advice is not None and advice.kind != "suits":
-            return judged, advice.sentence.rstrip(".")
+        return judged, judge_part("maps", session).reason
     specimen = session.setup.specimen
     voxels = isinstance(specimen, LoadedSkull) and specimen.kind in ("mask", "ct")
     if key.startswith("normal_error") and voxels and judged in ("review", "fail"):

@@ -9,14 +9,15 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.report.page import Html, joined, markup, note, table, tag, tile
 from rona_core.app.steps.acoustics.view import loss_words, speed_words
-from rona_core.app.steps.boundaries.probe_advice import probe_advice
 from rona_core.app.steps.maps.accuracy import map_accuracy
 from rona_core.app.steps.maps.error_budget import error_budgets
 from rona_core.app.steps.maps.export import map_sheet
 from rona_core.app.steps.maps.view import ROUND_MM, ROUND_SIGMA_MM, scale_limits_mm
+from rona_core.app.steps.scan.quick_look import probe_advice
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.mapping.accuracy.map_accuracy import accuracy_words
 from rona_core.mapping.boundary_map import BoundaryMap
@@ -326,8 +327,9 @@ def accuracy_section(
     lines = [accuracy_words(found.sheet.maps, accuracy)]
     lines += ["Speed of sound: " + (speed or "published mean.")]
     lines += [] if detection is None else [loss_words(detection.value)]
-    advice = probe_advice(session)
+    advice, judged = probe_advice(session), judge_part("maps", session)
     lines += [] if advice is None else [advice.sentence]
+    lines += [f"{judged.beside('Maps')} Next: {judged.remedy.words}."] if judged.remedy else []
     budgets: list[Html] = []
     for budget in error_budgets(accuracy, figures):
         rows = [

@@ -9,12 +9,13 @@ from rona_core.devices.samples import AScan, AScanTrack
 from rona_core.devices.settings import ProbeSettings
 from rona_core.errors import DeviceError
 from rona_core.geometry.arrays import Floats, readonly
+from rona_core.geometry.path5d import Path5D
 from rona_core.geometry.pose import Pose
 from rona_core.ultrasound.probe.materials import Material
 from rona_core.ultrasound.probe.probe_model import probe_model
 from rona_core.virtual.acoustics.echo_model import EchoModel
 from rona_core.virtual.acoustics.layer_stack import LayerProfile
-from rona_core.virtual.acoustics.medium import GEL, MEDIA, Medium
+from rona_core.virtual.acoustics.medium import GEL, MEDIA, Medium, bone_medium
 from rona_core.virtual.acoustics.probe import VirtualProbe, receiver_noise
 from rona_core.virtual.clock import CaptureClock
 from rona_core.virtual.noise import rng
@@ -31,6 +32,7 @@ STEEL = Material(5.9, 7.8, shear_mm_per_us=3.2)
 PART_MM = 10.0  # the model counts the block as three layers of one material
 CALIPER_SIGMA_MM = 0.1
 GAUGE_SIGMA_MM, STEP_SIGMA_MM = 0.02, 0.003  # of a gauge plate's seat, and of its steps
+COLLAR_SIGMA_MM, COLLAR_RAD = 0.1, 0.015  # of a collar's depth, and of its tilt about two axes
 BEHIND_MM = 10.0  # rays start this far outside the place
 
 
@@ -211,3 +213,41 @@ class VirtualBench:
         capture = seed, 1000 * self._ordinal + self._block
         track = _on_steel(settings, n, capture, world, pressed @ world.clamping)
         return track, GAUGE_SIGMA_MM
+
+    def record_on_bone(
+        self, settings: ProbeSettings, places_base: Floats, axes_base: Floats, depth_mm: float
+    ) -> AScanTrack:
+        """Return an A-scan at each place (n, 3) by the probe in its collar, along its axis (n, 3).
+
+        Raises:
+            DeviceError: there is no bone at a place.
+        """
+        scene, n = self._scene, len(places_base)
+        self._block += 1
+        random = rng(scene.seed, "collar", self._ordinal, self._block)
+        T_skull_base = scene.T_base_skull.inv()
+        axes = T_skull_base.rotate(axes_base) + random.normal(0.0, COLLAR_RAD, (n, 3))
+        axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+        starts = T_skull_base @ (places_base - BEHIND_MM * axes_base)
+        way_mm = scene.specimen.layers(starts, axes)[:, 0]
+        if not np.isfinite(way_mm).all():
+            row = int(np.flatnonzero(~np.isfinite(way_mm))[0])
+            raise DeviceError(f"there is no bone at place {row + 1} that the probe could stand on")
+        pressed_mm = depth_mm + random.normal(0.0, COLLAR_SIGMA_MM, n)
+        points = starts + (way_mm + pressed_mm)[:, None] * axes
+        faces = Path5D(points, axes).Ts_base_probe(0.0)
+        clock = CaptureClock()
+        probe = VirtualProbe(
+            clock,
+            lambda times: faces.select(np.rint(times / PERIOD_S).astype(np.int64) - 1),
+            scene.specimen,
+            bone_medium(scene.world),
+            world=scene.world,
+        )
+        probe.begin(settings, scene.seed, 1000 * self._ordinal + self._block)
+        scans: list[AScan] = []
+        for number in range(n):
+            clock.wait_until(PERIOD_S * (number + 1))
+            scans.append(probe.acquire())
+        probe.close()
+        return AScanTrack.from_scans(scans)

@@ -20,11 +20,11 @@ from rona_core.app.report.page import POLICY
 from rona_core.app.report.report import workbench_report
 from rona_core.app.steps.acoustics.thickness_uncertainty import reference_gain
 from rona_core.app.steps.boundaries.ascan_view import ScanName, ascan_plot
-from rona_core.app.steps.boundaries.probe_advice import probe_advice
 from rona_core.app.steps.maps.accuracy import MOST_DRAWS, drawn_maps, map_accuracy
 from rona_core.app.steps.maps.comparison import ErrorFigures, MapComparison, compare_with_truth
 from rona_core.app.steps.maps.volume import volume_file
 from rona_core.app.steps.scan.landmarks.view import landmark_report
+from rona_core.app.steps.scan.quick_look import probe_advice
 from rona_core.app.steps.tool.calibration_view import calibration_view
 from rona_core.errors import NotFoundError
 from rona_core.session.document import Session
@@ -63,7 +63,9 @@ PARTS: dict[str, Callable[[Session, str], Any]] = {
         REGISTRY.lines[step].summary(session) if step in REGISTRY.lines else ""
     ),
     "setup": lambda session, step: session.setup if step == "setup" else None,
-    "probe_advice": lambda session, step: probe_advice(session) if step == "maps" else None,
+    "probe_advice": lambda session, step: (
+        probe_advice(session) if step in ("scan", "maps") else None
+    ),
     "verification": lambda session, step: landmark_report(session) if step == "scan" else None,
     "reference_gain": lambda session, step: reference_gain(session) if step == "maps" else None,
     "painted": lambda session, step: session.painted if step == "path" else None,

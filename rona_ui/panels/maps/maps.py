@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from rona_core.app.declarations.declarations import USABLE
+from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.acoustics.view import loss_words
-from rona_core.app.steps.boundaries.probe_advice import judge_bone
 from rona_core.app.steps.maps.accuracy import accuracy_sentence, budgets
 from rona_core.app.steps.maps.export import EXPORTS
 from rona_core.app.steps.maps.further_passes import usable_second
@@ -24,11 +25,10 @@ from rona_ui.panels.acoustics import SpeedFields
 from rona_ui.panels.handheld import HandheldControls
 from rona_ui.panels.maps.comparison import ComparisonFolder
 from rona_ui.panels.maps.volume import VolumeFolder
-from rona_ui.panels.setup.probe import advice_note
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
-from rona_ui.panels.widgets.step_panel import StepPanel, stopped_note
+from rona_ui.panels.widgets.step_panel import JudgementNote, StepPanel, stopped_note
 from rona_ui.presentation.colors import SKY, css, diverging_css
 from rona_ui.presentation.shown import (
     map_errors,
@@ -226,6 +226,7 @@ class MapsPanel(StepPanel):
         self._cut = self.gui.add_checkbox(
             "Cut-away window", True, hint="Hides the drawn bone over the region"
         )
+        self._judged = JudgementNote(self.gui, self.context)
         self._bar = self.gui.add_html("")
         with self.gui.add_folder("Error budget", expand_by_default=False):
             self._budget = self.gui.add_html("")
@@ -248,6 +249,11 @@ class MapsPanel(StepPanel):
         if changed(old, new, "session", "busy"):
             self._speed.show(new.session, new.busy)
         self._sono.render(new)
+        if changed(old, new, "session", "busy"):
+            found = judge_part("maps", new.session)
+            short = found.state in ("weak", "bad")
+            words = f"{style.sentence(found.reason)}." if short else ""
+            self._judged.show(words, found if short else USABLE, busy=new.busy)
         for field in (self._shown, self._quantity, self._cut):
             field.visible = maps is not None
         if maps is None:
@@ -280,8 +286,7 @@ class MapsPanel(StepPanel):
             words += f" {accuracy}"
         if value.method == "subtract":  # the others judge no levels
             words += f" {loss_words(value)}"
-        kind = "warn" if judge_bone(value).kind in ("no front", "no echo") else "good"
-        return style.note(words, kind) + advice_note(snapshot.session, unless_suits=True)
+        return style.note(words, "good" if value.inner_ok.any() else "warn")
 
 
 def budget_table(snapshot: Snapshot) -> str:

@@ -5,15 +5,18 @@ from typing import Any
 
 import numpy as np
 
-from rona_core.app.dependencies.judge import judge_part
+from rona_core.app.dependencies.judge import blocked, judge_part
+from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.maps.growing_map import GrowingMap
 from rona_core.app.steps.scan.landmarks.messages import OverrideLandmarks, StartLandmarkCapture
 from rona_core.app.steps.scan.landmarks.view import LandmarkReport, landmark_report
 from rona_core.app.steps.scan.messages import (
     CalibrateProbeMounting,
     StartProbeMountingCapture,
+    StartQuickLook,
     StartScan,
 )
+from rona_core.app.steps.scan.quick_look import probe_advice
 from rona_core.app.steps.scan.step import mounting_words
 from rona_core.app.steps.scan.view import (
     ForceCurve,
@@ -264,6 +267,35 @@ class MountingFields:
         self._found.show(words or "As drawn: not calibrated.", found, busy=new.busy)
 
 
+class QuickLookFields:
+    """Quick look with each probe, and which one it advises."""
+
+    def __init__(self, gui: Any, context: PanelContext) -> None:
+        gui.add_html(
+            style.text(
+                "Short lines over the path with each probe by hand, upright and tilted, tell "
+                "before the scan how far each would map the inner boundary."
+            )
+        )
+        self._look = context.send_button(gui, "Quick look", "eye", StartQuickLook)
+        self._advice = gui.add_html("")
+
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
+        """Follow the quick look."""
+        if not changed(old, new, "session", "busy"):
+            return
+        self._look.disabled = new.busy or blocked(StartQuickLook, new.session) is not None
+        self._advice.content = quick_look_note(new.session)
+
+
+def quick_look_note(session: Session) -> str:
+    """Return what the quick look says as HTML; empty without one."""
+    advice, stale = probe_advice(session), stale_reason("quick_look", session)
+    if advice is not None:
+        return style.note(advice.sentence, "warn" if advice.another else "good")
+    return "" if stale is None else style.note(f"Quick look: {stale}. Take it again.", "warn")
+
+
 def growing_bar(growing: GrowingMap | None) -> str:
     """Return the colour bar of the map that grows, and its components, as HTML."""
     if growing is None:
@@ -294,12 +326,15 @@ class ScanPanel(StepPanel):
         self._contact = contact_form(self.gui, self.context)
         with self.gui.add_folder("Probe mounting", expand_by_default=False):
             self._mounting = MountingFields(self.gui, self.context)
+        with self.gui.add_folder("Which probe", expand_by_default=False):
+            self._look = QuickLookFields(self.gui, self.context)
 
     def update(self, old: Snapshot | None, new: Snapshot) -> None:
         """Show how the probe is mounted, and pressed on."""
         self._landmarks.render(old, new)
         self._contact.render(old, new)
         self._mounting.render(old, new)
+        self._look.render(old, new)
         growing = shown_growing_map(new)
         if old is None or shown_growing_map(old) is not growing:
             self._growing.content = growing_bar(growing)

@@ -18,7 +18,7 @@ from rona_core.app.steps.acoustics.view import (
     probe_performances,
     probe_values,
 )
-from rona_core.app.steps.boundaries.probe_advice import probe_advice
+from rona_core.app.steps.scan.quick_look import probe_advice
 from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.devices.probes import BY_FREQUENCY, PROBE_DATA
 from rona_core.devices.settings import Excitation, ProbeSettings
@@ -101,21 +101,19 @@ def _message(held: ProbeSettings, values: dict[str, Any]) -> SetProbe:
     return SetProbe(**edited_probe(held, values))
 
 
-def advice_note(session: Session, *, unless_suits: bool = False) -> str:
-    """Return what the scan says about bone and probe as HTML; before a scan the general rule."""
+def advice_note(session: Session) -> str:
+    """Return which probe the quick look advises as HTML; before one the general rule."""
     advice = probe_advice(session)
-    if unless_suits and (advice is None or advice.kind == "suits"):
-        return ""
     if advice is not None:
-        return style.note(advice.sentence, "good" if advice.kind == "suits" else "warn")
+        return style.note(advice.sentence, "warn" if advice.another else "good")
     words = ", ".join(
         f"{PROBE_DATA[name].title} for bone of {PROBE_DATA[name].min_thickness_mm:g} to "
         f"{PROBE_DATA[name].fades_mm:g} mm"
         for name in BY_FREQUENCY
     )
     return style.text(
-        f"Use {words}; the higher frequency resolves better, hard bone needs the lower. Map a "
-        "scan to get a recommendation."
+        f"Use {words}; the higher frequency resolves better, hard bone needs the lower. A quick "
+        "look with each probe (step 8) says which one suits this bone."
     )
 
 

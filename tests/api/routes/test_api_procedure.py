@@ -4,6 +4,9 @@ import pytest
 
 from rona_core.app.procedure import OFFERED, PROCEDURE
 from rona_core.app.steps.setup.messages import SetRobot
+from rona_ui.api.routes.procedure import get_next
+from tests.app.maps.further import covering
+from tests.scenes import demo_parts
 
 
 @pytest.fixture(scope="module")
@@ -74,3 +77,15 @@ def test_what_is_next_leads_from_nothing_to_a_placed_bed(client):
     assert again[:3] == ["StartRollSearch", "StartScan", "StartMapping"]
     assert again[-1] == "StartBedSearch"
     client.delete(f"/sessions/{session}")
+
+
+def test_hidden_bone_is_next_with_its_reason_and_what_helps_where_all_else_is_done():
+    class Bench:
+        session = covering(demo_parts.demo(), 0.0)
+
+    stage = get_next(Bench(), skip=list(OFFERED))
+    assert (stage.name, stage.state) == ("maps", "bad")
+    assert "hides its inner boundary" in stage.reason
+    assert "quick look" in stage.remedy
+    assert (stage.message.kind, stage.message.name) == ("jobs", "StartQuickLook")
+    assert stage.message.arguments == {"lines": 12}

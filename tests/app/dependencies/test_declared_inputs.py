@@ -21,6 +21,7 @@ from rona_core.app.steps.maps.inputs import ANY_AGAIN, ANY_PASSES
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.path.messages import PaintRegion
 from rona_core.app.steps.scan.landmarks.messages import OverrideLandmarks
+from rona_core.app.steps.scan.messages import StartQuickLook
 from rona_core.compose import new_workbench
 from rona_core.session.document import Derived, Session
 from tests.helpers.derived import derived
@@ -45,6 +46,7 @@ def session(demo):
     bench.run(StartHandheldCalibration(pivot_s=8.0, spin_s=8.0))
     bench.run(StartHandheldScan(duration_s=6.0, rate_hz=10.0, spacing_mm=8.0))
     bench.run(StartHandheldMapping())
+    bench.run(StartQuickLook(lines=4))
     bench.dispatch(OverrideLandmarks(reason="a test of inputs"))
     made = bench.session
     bench.close()

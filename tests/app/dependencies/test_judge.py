@@ -17,6 +17,7 @@ from rona_core.app.steps.scan.messages import StartScan
 from rona_core.app.steps.setup.messages import MoveTracker, SetProbe, SetRobot, SetSeed, SetTracker
 from rona_core.app.steps.surface.messages import StartSurfaceCapture
 from rona_core.app.steps.tool.messages import StartToolCapture
+from rona_core.geometry.arrays import readonly
 from rona_core.session.document import Derived, Session
 
 RESULTS = tuple(dict.fromkeys(result.name for step in REGISTRY.steps for result in step.results))
@@ -49,6 +50,9 @@ def spoilt(session: Session, name: str) -> Session:
         value = replace(value, plan=replace(value.plan, search=search, trajectory=None))
     elif name == "milling":
         value = replace(value, trajectory=None, certificate=None)
+    elif name == "maps":
+        nowhere = readonly(value.inner.ok & False)
+        value = replace(value, inner=replace(value.inner, ok=nowhere))
     elif name == "bed":
         value = replace(value, refusal="too little bone is left")
     elif name == "landmarks":

@@ -30,6 +30,7 @@ from rona_core.app.steps.implant.messages import StartBedLines
 from rona_core.app.steps.path.messages import StartPathCapture
 from rona_core.app.steps.pointer.messages import StartPointerCapture
 from rona_core.app.steps.roll.messages import StartBasePlacement, StartRollSearch
+from rona_core.app.steps.scan.messages import StartQuickLook
 from rona_core.app.steps.setup.messages import (
     AddObstacle,
     MoveTracker,
@@ -82,31 +83,32 @@ POINTER = frozenset(("capture pointer", "pointer"))
 HEAD = FROM_CLOUD | STROKES | HAND | {"capture references"}
 TRACKER = FROM_TOOL | STROKES | HAND_TOOL | POINTER | TURNS
 BASE = HEAD | FROM_TOOL | TURNS
+LOOKS = frozenset(("capture looks", "quick_look"))
 ECHOES = FROM_SCAN | HAND
 HEARD = ECHOES | BLOCK
-EVERYTHING = BASE | TRACKER | HEARD
+EVERYTHING = BASE | TRACKER | HEARD | LOOKS
 
 BOX = {"name": "lamp", "center_mm": (900.0, 900.0, 900.0), "size_mm": (50.0, 50.0, 50.0)}
 # message -> field -> (another value, what it makes stale)
 TABLE: dict[type, dict[str, tuple[Any, frozenset[str]]]] = {
     RenameSession: {"name": ("another", NOTHING)},
     SetSeed: {"seed": (9, EVERYTHING)},
-    UseSimulatedSkull: {"side": ("right", HEAD)},
-    SetBoneModel: {"kind": ("hard", ECHOES), "own_speed": (False, ECHOES)},
+    UseSimulatedSkull: {"side": ("right", HEAD | LOOKS)},
+    SetBoneModel: {"kind": ("hard", ECHOES | LOOKS), "own_speed": (False, ECHOES | LOOKS)},
     SetWorld: {
         "profile": ("hard", EVERYTHING),  # another patient and other devices
-        "bone_loss": (1.5, ECHOES),
-        "bone_speed": (0.95, ECHOES),
-        "line_strain_share": (0.1, ECHOES),
-        "outer_texture_mm": (0.1, HEAD),
-        "inner_relief_mm": (0.1, HEAD),
-        "step_relief_mm": (0.2, HEAD),
-        "relief_length_mm": (3.0, HEAD),
-        "gel_speed_mm_per_us": (1.6, HEARD),
-        "film_mm": (0.3, HEARD),
-        "line_excess_k": (5.0, HEARD),
-        "line_drift_k": (2.0, HEARD),
-        "pulse_loss": (0.1, HEARD),
+        "bone_loss": (1.5, ECHOES | LOOKS),
+        "bone_speed": (0.95, ECHOES | LOOKS),
+        "line_strain_share": (0.1, ECHOES | LOOKS),
+        "outer_texture_mm": (0.1, HEAD | LOOKS),
+        "inner_relief_mm": (0.1, HEAD | LOOKS),
+        "step_relief_mm": (0.2, HEAD | LOOKS),
+        "relief_length_mm": (3.0, HEAD | LOOKS),
+        "gel_speed_mm_per_us": (1.6, HEARD | LOOKS),
+        "film_mm": (0.3, HEARD | LOOKS),
+        "line_excess_k": (5.0, HEARD | LOOKS),
+        "line_drift_k": (2.0, HEARD | LOOKS),
+        "pulse_loss": (0.1, HEARD | LOOKS),
         "mounting_mm": (0.3, FROM_SCAN | GAUGE),
         "mounting_deg": (0.5, FROM_SCAN | GAUGE),
         "spindle_mm": (0.5, MAPS - {"maps"} | {"capture burr", "burr"}),
@@ -116,7 +118,10 @@ TABLE: dict[type, dict[str, tuple[Any, frozenset[str]]]] = {
         "head_drift_mm": (0.3, HEAD - {"capture references"}),
         "breathing_mm": (0.05, HEAD - {"capture references"}),
     },
-    SetRegion: {"center_mesh_mm": ((1.0, 2.0, 3.0), HEAD), "radius_mm": (20.0, HEAD)},
+    SetRegion: {
+        "center_mesh_mm": ((1.0, 2.0, 3.0), HEAD | LOOKS),
+        "radius_mm": (20.0, HEAD | LOOKS),
+    },
     SetTracker: {
         "profile": ("vega", TRACKER),
         "rate_hz": (40.0, TRACKER),
@@ -172,18 +177,18 @@ TABLE: dict[type, dict[str, tuple[Any, frozenset[str]]]] = {
     RemoveObstacle: {"name": ("lamp", NOTHING)},  # that was put there after everything
     SetProbe: {
         "name": ("1MHz", HEARD),
-        "excitation": ("pulse", HEARD),
-        "front_snr_db": (40.0, HEARD),
-        "shots": (8, HEARD),
+        "excitation": ("pulse", HEARD | LOOKS),
+        "front_snr_db": (40.0, HEARD | LOOKS),
+        "shots": (8, HEARD | LOOKS),
         "pitch_mm": (2.0, FROM_SCAN),
-        "centre_mhz": (2.0, HEARD),
-        "bandwidth": (0.5, HEARD),
-        "aperture_mm": (8.0, HEARD),
-        "line_length_mm": (12.0, HEARD),
-        "pulse_shape": ("damped", HEARD),
-        "adc_bits": (10, HEARD),
-        "gain_db": (3.0, HEARD),
-        "line_temperature_c": (30.0, ECHOES),
+        "centre_mhz": (2.0, HEARD | LOOKS),
+        "bandwidth": (0.5, HEARD | LOOKS),
+        "aperture_mm": (8.0, HEARD | LOOKS),
+        "line_length_mm": (12.0, HEARD | LOOKS),
+        "pulse_shape": ("damped", HEARD | LOOKS),
+        "adc_bits": (10, HEARD | LOOKS),
+        "gain_db": (3.0, HEARD | LOOKS),
+        "line_temperature_c": (30.0, ECHOES | LOOKS),
     },
     SetPointer: {"kind": ("pointer5d", FROM_CLOUD | STROKES | POINTER | LANDMARKS)},
 }
@@ -215,6 +220,7 @@ def session(tmp_path_factory):
     bench = bench_of(demo_parts.demo(), tmp_path_factory.mktemp("uploads"))
     for activity in (
         StartBedLines(),
+        StartQuickLook(lines=4),
         StartBasePlacement(half_x_mm=0.0, half_y_mm=0.0),
         StartCaliperMeasurements(n=3),
         StartHandheldCalibration(pivot_s=5.0, spin_s=8.0),

@@ -7,6 +7,7 @@ from rona_core.app.messages.message import serialize_arguments
 from rona_core.app.runtime.handling import derive_all
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.devices.samples import AScanTrack
+from rona_core.geometry.arrays import readonly
 from rona_core.session.captures import ScanCapture
 from rona_core.session.document import Derived, Session
 
@@ -33,3 +34,14 @@ def mapped_again(session: Session) -> Session:
         )
         session = session.with_result(name, made)
     return session
+
+
+def covering(session, share):
+    """Return the session whose inner map has this share of the cells of its outer map."""
+    held = session.results.maps
+    maps = held.value
+    left = maps.outer.ok & maps.inner.ok
+    rows = maps.outer.ok.cumsum().reshape(maps.outer.ok.shape)
+    left &= rows <= share * maps.outer.ok.sum()
+    inner = replace(maps.inner, ok=readonly(left))
+    return session.with_result("maps", replace(held, value=replace(maps, inner=inner)))

@@ -1,5 +1,7 @@
 """Step 10: the bed of an implant, searched or laid by hand, and how the robot mills it."""
 
+from dataclasses import replace
+
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import (
     USABLE,
@@ -10,6 +12,7 @@ from rona_core.app.declarations.declarations import (
 )
 from rona_core.app.declarations.inputs import Input
 from rona_core.app.dependencies.judge import fresh, judge_part
+from rona_core.app.messages.message import message_from
 from rona_core.app.runtime.handling import compute, compute_result, computed, strip_for_worker
 from rona_core.app.steps.acoustics.derivation import DETECTION
 from rona_core.app.steps.acoustics.messages import StartCaliperMeasurements
@@ -70,6 +73,8 @@ FURTHER = {
     "speed": Remedy("measure reference points (step 9)", StartCaliperMeasurements()),
 }
 
+SHALLOWER = {"BCI 601": "BCI 602"}  # implant, and one of the same kind with a shallower bed
+
 
 def judge_bed(bed: ImplantBed, session: Session) -> Judgement:
     """Return whether a bed is safe; else what was not done yet and would make more beds so.
@@ -85,7 +90,24 @@ def judge_bed(bed: ImplantBed, session: Session) -> Judgement:
     for name, remedy in FURTHER.items():
         if judge_part(name, session).state == "missing":
             return Judgement("bad", words, remedy)
-    return Judgement("bad", words, Remedy("choose another implant or scan more bone (step 10)"))
+    return Judgement("bad", words, other_bed(bed, session))
+
+
+def other_bed(bed: ImplantBed, session: Session) -> Remedy:
+    """Return what may give a bed where all measurements are done: a scan, a lift, or an implant."""
+    maps = judge_part("maps", session)
+    if maps.remedy is not None:
+        return maps.remedy
+    held = session.results.get("bed")
+    asked = StartBedSearch() if held is None else message_from(held.message, held.arguments)
+    if asked.lift_mm is not None:
+        search = replace(asked, lift_mm=None)
+        return Remedy("allow every lift and search the bed again (step 10)", search)
+    if bed.implant in SHALLOWER:
+        other = SHALLOWER[bed.implant]
+        search = replace(asked, implant=other, burr_mm=None)
+        return Remedy(f"search the bed of the shallower {other} (step 10)", search)
+    return Remedy("choose another implant (step 10) or another region (step 1)")
 
 
 def judge_milling(plan: MillingPlan, session: Session) -> Judgement:

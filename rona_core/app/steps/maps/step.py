@@ -20,6 +20,7 @@ from rona_core.app.steps.maps.further_passes import (
     judge_plan,
     with_pass,
 )
+from rona_core.app.steps.maps.hidden_bone import judge_maps
 from rona_core.app.steps.maps.inputs import MAPS, SECOND
 from rona_core.app.steps.maps.messages import (
     StartComparison,
@@ -138,6 +139,7 @@ STEP = declare.Step(
             StartMapping,
             build_maps,
             "compute the maps (step 9)",
+            judged=judge_maps,
             settings=("sound_speed_mm_per_us", "cell_mm"),
         ),
     ),

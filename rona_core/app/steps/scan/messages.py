@@ -31,6 +31,17 @@ class CalibrateProbeMounting:
 
 
 @message
+class StartQuickLook:
+    """Look at short lines over the path with each probe by hand, and compare the probes.
+
+    Each probe is held in a collar, upright and tilted as in the tilted passes. It says before the
+    scan how far each probe would map the inner boundary.
+    """
+
+    lines: int = number(12, "Number of lines", "", 4, 60, 1, hint="Of 5 A-scans, over the path")
+
+
+@message
 class StartRetract:
     """Draw the probe straight back along its axis from the bone it stands on, as after a stop.
 

@@ -15,6 +15,7 @@ from rona_core.app.dependencies.staleness import (
 )
 from rona_core.app.runtime.handling import compute_result, record
 from rona_core.app.runtime.recording import ARRIVAL_S, begin, finish
+from rona_core.app.steps.path.inputs import SMOOTHING
 from rona_core.app.steps.scan.captures import capture_scan
 from rona_core.app.steps.scan.derivation import GAUGE, GaugeCapture, find_mounting
 from rona_core.app.steps.scan.landmarks.step import LANDMARKS, verified_first
@@ -22,10 +23,16 @@ from rona_core.app.steps.scan.messages import (
     CalibrateProbeMounting,
     StartHome,
     StartProbeMountingCapture,
+    StartQuickLook,
     StartRetract,
     StartScan,
 )
 from rona_core.app.steps.scan.planned_motion import planned_scans
+from rona_core.app.steps.scan.quick_look import (
+    LookCapture,
+    compare_probes,
+    take_quick_look,
+)
 from rona_core.app.steps.scan.view import unwatched
 from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.setup.capture_parts import BLOCK_PROBE
@@ -172,6 +179,13 @@ STEP = declare.Step(
             makes=("gauge",),
         ),
         declare.Activity(
+            StartQuickLook,
+            take_quick_look,
+            "Taking a quick look with each probe",
+            needs=(SMOOTHING,),
+            makes=("looks",),
+        ),
+        declare.Activity(
             StartRetract,
             retract,
             "Drawing the probe back",
@@ -202,8 +216,17 @@ STEP = declare.Step(
             (parts.of_input(BLOCK_PROBE), parts.BLOCK, parts.CLAMPED_PROBE),
             types=(GaugeCapture,),
         ),
+        declare.Capture(
+            "looks",
+            "take a quick look with each probe (step 8)",
+            (parts.specimen, parts.bone_and_looks),
+            types=(LookCapture,),
+        ),
     ),
     results=(
+        declare.Result.of(
+            "quick_look", StartQuickLook, compare_probes, "compare the probes (step 8)"
+        ),
         declare.Result.of(
             "mounting",
             CalibrateProbeMounting,

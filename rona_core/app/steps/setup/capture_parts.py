@@ -6,6 +6,7 @@ from dataclasses import fields, replace
 from rona_core.app.declarations.inputs import Input
 from rona_core.app.dependencies.staleness import session_obstacles
 from rona_core.devices.limits import BEFORE
+from rona_core.devices.probes import PROBE_DATA
 from rona_core.devices.settings import ROOM_C, ProbeSettings, TrackerSettings
 from rona_core.devices.world_settings import WorldSettings
 from rona_core.session.codec import digest
@@ -44,6 +45,16 @@ def _block_probe(session: Session) -> ProbeSettings:
     return replace(probe, line_temperature_c=ROOM_C, pitch_mm=1.0)
 
 
+def _look_probes(session: Session) -> tuple[ProbeSettings, ...]:
+    """Return the chosen probe and each other of the catalogue with the same receiver.
+
+    In the order of the catalogue, so that another choice leaves them as they are.
+    """
+    held = replace(session.setup.devices.probe, pitch_mm=1.0)
+    return tuple(held.of_probe(name) for name in PROBE_DATA)
+
+
+LOOK_PROBES = Input(_look_probes, "choose a probe (step 1)")
 BLOCK_PROBE = Input(_block_probe, "choose a probe (step 1)")
 
 
@@ -95,6 +106,12 @@ def bone_and_probe(session: Session) -> list[object]:
 def bone_and_hand_probe(session: Session) -> list[object]:
     """Return the bone and the probe in the hand, whose pitch counts for nothing."""
     chosen = [digest(session.setup.bone), digest(HAND_PROBE.read(session))]
+    return [*chosen, *world(*LINE, *BONE)(session)]
+
+
+def bone_and_looks(session: Session) -> list[object]:
+    """Return the bone and all probes that a quick look is taken with."""
+    chosen = [digest(session.setup.bone), digest(LOOK_PROBES.read(session))]
     return [*chosen, *world(*LINE, *BONE)(session)]
 
 
