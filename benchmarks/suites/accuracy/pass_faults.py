@@ -9,6 +9,7 @@ needs no truth is to be reviewed or fails, and is not and does not without the f
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -93,7 +94,7 @@ def run(progress: Progress) -> list[Metric]:
 def _bench(session: Session, fault: Fault | None = None) -> Workbench:
     services = virtual_services()
     if fault is not None:
-        services = replace(services, build_rig=lambda setup: _faulty_rig(setup, fault))
+        services = replace(services, build_rig=partial(_faulty_rig, fault=fault))
     return Workbench(session, services, Path.cwd())
 
 

@@ -131,9 +131,9 @@ def test_where_there_is_no_array_the_answer_says_so(client, demo, at, status):
 
 
 def test_thinned_points_are_lists(client, demo):
-    held = client.get(f"/sessions/{demo}/results/surface?max_points=600").json()
+    held = client.get(f"/sessions/{demo}/results/surface?max_points=300").json()
     points = held["results"]["surface"]["value"]["points_base"]
-    assert (len(points), len(points[0])) == (600, 3)
+    assert (len(points), len(points[0])) == (300, 3)
 
 
 @pytest.mark.parametrize("size", [LONGEST_ARRAY, LONGEST_ARRAY + 1])

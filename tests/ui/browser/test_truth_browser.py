@@ -163,7 +163,7 @@ def test_a_sweep_that_is_cancelled_keeps_the_one_before(surgeon: Surgeon) -> Non
     surgeon.open_demo()
     surgeon.open_step("Surface")
     before = surgeon.states()
-    points = surgeon.ask("/sessions/current/results/surface?max_points=600")
+    points = surgeon.ask("/sessions/current/results/surface?max_points=300")
     surgeon.button("Sweep the region").click()
     surgeon.frame.get_by_text(RUNNING).first.wait_for()
     surgeon.picture("time_left")
@@ -171,7 +171,7 @@ def test_a_sweep_that_is_cancelled_keeps_the_one_before(surgeon: Surgeon) -> Non
     surgeon.wait_idle()
     surgeon.frame.get_by_text("the previous recording and its results are unchanged").wait_for()
     assert surgeon.states() == before
-    assert surgeon.ask("/sessions/current/results/surface?max_points=600") == points
+    assert surgeon.ask("/sessions/current/results/surface?max_points=300") == points
     assert surgeon.errors == []
 
 
