@@ -11,7 +11,7 @@ from rona_core.app.procedure import OFFERED, next_stage, run_procedure, stages
 from rona_core.app.report.report import session_report
 from rona_core.app.steps.implant.messages import StartBedSearch
 from rona_core.app.steps.implant.step import other_bed
-from rona_core.app.steps.maps.hidden_bone import LEAST_COVERAGE, inner_coverage, judge_maps
+from rona_core.app.steps.maps.hidden_bone import LEAST_COVERAGE, judge_maps
 from rona_core.app.steps.maps.inputs import MAPS
 from rona_core.app.steps.scan.messages import StartQuickLook
 from rona_core.app.steps.setup.messages import SetProbe
@@ -32,14 +32,14 @@ def poor(demo):
 
 
 def test_maps_that_cover_enough_end_the_procedure(demo):
-    assert inner_coverage(demo.results.maps.value) >= LEAST_COVERAGE
+    assert demo.results.maps.value.inner_share >= LEAST_COVERAGE
     assert judge_part("maps", demo).state == "usable"
 
 
 def test_maps_of_hidden_bone_are_used_but_weak_and_come_last(poor):
     found = judge_part("maps", poor)
     assert (found.state, found.holds) == ("weak", True)
-    share = 100 * inner_coverage(poor.results.maps.value)
+    share = 100 * poor.results.maps.value.inner_share
     assert f"in {share:.0f} % of the region after 4 tilted passes" in found.reason
     assert "2.25 MHz" in found.reason
     assert blocked(StartBedSearch, poor) is None

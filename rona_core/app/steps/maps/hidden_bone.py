@@ -14,11 +14,6 @@ from rona_core.session.document import Session
 LEAST_COVERAGE = 0.8  # of the outer map by the inner one, after all tilted passes
 
 
-def inner_coverage(maps: Maps) -> float:
-    """Return the share of the cells of the outer map that have an inner boundary as well."""
-    return float((maps.outer.ok & maps.inner.ok).sum() / max(int(maps.outer.ok.sum()), 1))
-
-
 def judge_maps(maps: Maps, session: Session) -> Judgement:
     """Return whether the inner boundary is mapped in enough of the region.
 
@@ -27,7 +22,7 @@ def judge_maps(maps: Maps, session: Session) -> Judgement:
     planned, held = session.results.second, usable_second(session)
     if not held or (planned is not None and planned.value.next_pass(held) is not None):
         return USABLE
-    coverage = inner_coverage(maps)
+    coverage = maps.inner_share
     if coverage >= LEAST_COVERAGE:
         return USABLE
     probe = PROBE_DATA[session.setup.devices.probe.name].title
