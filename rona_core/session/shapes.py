@@ -46,6 +46,7 @@ SHAPES: dict[str, dict[str, str]] = {
         "n 3": "mesh_vertices_skull",
         "m 3": "mesh_faces",
     },
+    "LookCapture": {"n 3": "places_base", "k n 3": "axes_base"},
     "Maps": {
         "n 3": "outer_points_base inner_points_base",
         "n": "outer_used inner_used",

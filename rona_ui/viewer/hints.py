@@ -69,6 +69,7 @@ HINTS = {
     "Verify on landmarks": "The pointer touches the landmarks the robot knows, and is compared",
     "Reason": "Why the robot may scan although the verification failed; the log keeps it",
     "Override verification": "Lets the robot scan for the reason above",
+    "Quick look": "Short lines with each probe by hand tell which one maps more of the region",
     "Record on gauge plate": "Measures where the probe face is, on a steel gauge plate",
     "Reset mounting": "Uses the probe mounting as drawn again",
     "A-scans of": "Scan whose A-scans are shown",

@@ -1,14 +1,17 @@
-"""Where the probe was at each A-scan, and its mounting, found on a gauge plate."""
+"""Where the probe was at each A-scan, its mounting by a gauge plate, and the quick look."""
 
 from dataclasses import dataclass
+
+import numpy as np
 
 from rona_core.app.declarations.inputs import Input, Quantity, given, inputs
 from rona_core.app.dependencies.judge import usable
 from rona_core.app.dependencies.references import HeadReference, HeadWatch, head_input
 from rona_core.app.dependencies.staleness import capture_input
-from rona_core.app.steps.scan.messages import CalibrateProbeMounting
+from rona_core.app.steps.scan.messages import CalibrateProbeMounting, StartQuickLook
 from rona_core.app.steps.setup.capture_parts import BLOCK_PROBE, MODEL, PROBE
 from rona_core.calibration.timing.robot_latency import PoseDelay
+from rona_core.devices.protocols import Cancel, Progress
 from rona_core.devices.samples import AScanTrack
 from rona_core.devices.settings import ProbeSettings
 from rona_core.geometry.arrays import Floats
@@ -21,7 +24,8 @@ from rona_core.ultrasound.acoustic_calibration.probe_mounting import (
     ProbeMounting,
     calibrate_mounting,
 )
-from rona_core.ultrasound.probe.probe_model import probe_model
+from rona_core.ultrasound.detection.probe_choice import QuickLook, compare
+from rona_core.ultrasound.probe.probe_model import ProbeSurvey, probe_model
 
 SCAN: Input[ScanCapture] = capture_input("scan")
 KNOWN_MOUNTING: Input[ProbeMounting] = Input(
@@ -130,3 +134,60 @@ def find_mounting(known: MountingInputs, message: CalibrateProbeMounting) -> Pro
     return calibrate_mounting(
         held.tracks, held.depths_mm, held.sigma_mm, probe_model(probe), probe.excitation
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LookCapture:
+    """A-scans of each probe along the same short lines (l), upright first, then tilted (k looks).
+
+    Places are on the bone, axes point into it; ``tracks`` has those of the first probe first.
+    """
+
+    ordinal: int
+    setup_digest: str
+    probes: tuple[ProbeSettings, ...]
+    tracks: tuple[AScanTrack, ...]  # of each probe and look, n A-scans each
+    places_base: Floats  # (n, 3), line after line
+    axes_base: Floats  # (k, n, 3)
+    lines: int
+    depth_mm: float  # by which the line of the probe is pressed in
+    partial: bool = False
+
+
+LOOKS: Input[LookCapture] = capture_input("looks")
+
+
+@inputs()
+class LookInputs:
+    """What the probes are compared by."""
+
+    looks: LookCapture = given(LOOKS, "quick look")
+
+
+def compare_probes(
+    known: LookInputs, message: StartQuickLook, *, progress: Progress, cancel: Cancel
+) -> QuickLook:
+    """Return what a scan with each probe is expected to cover.
+
+    Raises:
+        CancelledError: ``cancel`` said so.
+    """
+    held = known.looks
+    looks = len(held.axes_base)
+    standoff_mm = np.full(len(held.places_base), -held.depth_mm)
+    probes: list[list[ProbeSurvey]] = []
+    for number, probe in enumerate(held.probes):
+        tracks = held.tracks[number * looks : (number + 1) * looks]
+        surveys = [
+            ProbeSurvey(
+                track,
+                probe_model(probe),
+                probe.excitation,
+                positions_mm=held.places_base,
+                axes=axes,
+                known_standoff_mm=standoff_mm,
+            )
+            for track, axes in zip(tracks, held.axes_base, strict=True)
+        ]
+        probes.append(surveys)
+    return compare(probes, held.lines, progress=progress, cancel=cancel)

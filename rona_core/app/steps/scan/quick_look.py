@@ -1,71 +1,31 @@
 """Quick look: short lines with each probe by hand, upright and tilted, before the robot scans."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from rona_core.app.declarations.declarations import ActivityContext, Message
-from rona_core.app.declarations.inputs import Input, given, inputs
-from rona_core.app.dependencies.staleness import (
-    capture_input,
-    capture_setup_digest,
-    required,
-    stale_reason,
-)
+from rona_core.app.dependencies.judge import fresh
+from rona_core.app.dependencies.staleness import capture_setup_digest, required
 from rona_core.app.messages.message import StoreCapture
 from rona_core.app.runtime.handling import computed, derive_all, strip_for_worker
 from rona_core.app.runtime.recording import begin, part_of
 from rona_core.app.steps.path.inputs import SMOOTHING
+from rona_core.app.steps.scan.derivation import LookCapture
 from rona_core.app.steps.scan.messages import StartQuickLook
 from rona_core.app.steps.setup.capture_parts import LOOK_PROBES
-from rona_core.devices.protocols import Cancel, Progress
 from rona_core.devices.samples import AScanTrack
-from rona_core.devices.settings import ProbeSettings
 from rona_core.errors import CancelledError
-from rona_core.geometry.arrays import Floats, Ints, readonly
+from rona_core.geometry.arrays import Ints, readonly
 from rona_core.geometry.path5d import Path5D
 from rona_core.mapping.tilted_passes import TiltSettings, tilted_paths
 from rona_core.session.document import Session
-from rona_core.ultrasound.detection.probe_choice import (
-    ProbeAdvice,
-    QuickLook,
-    advise,
-    compare,
-)
-from rona_core.ultrasound.probe.probe_model import ProbeSurvey, probe_model
+from rona_core.ultrasound.detection.probe_choice import ProbeAdvice, advise
 
 SHOTS = 5  # A-scans of a line
 PITCH_MM = 1.0
 RECORDING_SHARE = 0.5  # of the time of a quick look
 DEPTH_MM = 1.0  # by which the collar presses the line of the probe
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LookCapture:
-    """A-scans of each probe along the same short lines (l), upright first, then tilted (k looks).
-
-    Places are on the bone, axes point into it; ``tracks`` has those of the first probe first.
-    """
-
-    ordinal: int
-    setup_digest: str
-    probes: tuple[ProbeSettings, ...]
-    tracks: tuple[AScanTrack, ...]  # of each probe and look, n A-scans each
-    places_base: Floats  # (n, 3), line after line
-    axes_base: Floats  # (k, n, 3)
-    lines: int
-    depth_mm: float  # by which the line of the probe is pressed in
-    partial: bool = False
-
-
-LOOKS: Input[LookCapture] = capture_input("looks")
-
-
-@inputs()
-class LookInputs:
-    """What the probes are compared by."""
-
-    looks: LookCapture = given(LOOKS, "quick look")
 
 
 def take_quick_look(
@@ -123,41 +83,12 @@ def line_rows(path: Path5D, lines: int) -> Ints:
     return np.abs(way_mm - wanted.reshape(-1, 1)).argmin(axis=1)
 
 
-def compare_probes(
-    known: LookInputs, message: StartQuickLook, *, progress: Progress, cancel: Cancel
-) -> QuickLook:
-    """Return what a scan with each probe is expected to cover.
-
-    Raises:
-        CancelledError: ``cancel`` said so.
-    """
-    held = known.looks
-    looks = len(held.axes_base)
-    standoff_mm = np.full(len(held.places_base), -held.depth_mm)
-    probes: list[list[ProbeSurvey]] = []
-    for number, probe in enumerate(held.probes):
-        tracks = held.tracks[number * looks : (number + 1) * looks]
-        surveys = [
-            ProbeSurvey(
-                track,
-                probe_model(probe),
-                probe.excitation,
-                positions_mm=held.places_base,
-                axes=axes,
-                known_standoff_mm=standoff_mm,
-            )
-            for track, axes in zip(tracks, held.axes_base, strict=True)
-        ]
-        probes.append(surveys)
-    return compare(probes, held.lines, progress=progress, cancel=cancel)
-
-
 def probe_advice(session: Session) -> ProbeAdvice | None:
     """Return what the quick look says about the probe; None without one, or where it is stale."""
-    held = session.results.get("quick_look")
-    if held is None or stale_reason("quick_look", session) is not None:
+    look = fresh("quick_look", session)
+    if look is None:
         return None
-    advice = advise(held.value, session.setup.devices.probe.name)
+    advice = advise(look, session.setup.devices.probe.name)
     if not advice.another:
         return advice
     words = "Choose it in step 1" + (" and scan again." if session.captures.scan else ".")

@@ -17,7 +17,13 @@ from rona_core.app.runtime.handling import compute_result, record
 from rona_core.app.runtime.recording import ARRIVAL_S, begin, finish
 from rona_core.app.steps.path.inputs import SMOOTHING
 from rona_core.app.steps.scan.captures import capture_scan
-from rona_core.app.steps.scan.derivation import GAUGE, GaugeCapture, find_mounting
+from rona_core.app.steps.scan.derivation import (
+    GAUGE,
+    GaugeCapture,
+    LookCapture,
+    compare_probes,
+    find_mounting,
+)
 from rona_core.app.steps.scan.landmarks.step import LANDMARKS, verified_first
 from rona_core.app.steps.scan.messages import (
     CalibrateProbeMounting,
@@ -28,11 +34,7 @@ from rona_core.app.steps.scan.messages import (
     StartScan,
 )
 from rona_core.app.steps.scan.planned_motion import planned_scans
-from rona_core.app.steps.scan.quick_look import (
-    LookCapture,
-    compare_probes,
-    take_quick_look,
-)
+from rona_core.app.steps.scan.quick_look import take_quick_look
 from rona_core.app.steps.scan.view import unwatched
 from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.setup.capture_parts import BLOCK_PROBE
