@@ -60,8 +60,8 @@ def packed(session):
 
 @pytest.mark.slow
 def test_the_demo_session_packs_close_to_the_noise_that_it_holds(session, packed):
-    """10.3 MB, half of it A-scans, and most of that their noise; the rest poses, joints, plans."""
-    assert len(packed) < 11e6
+    """12.4 MB, most of it A-scans, and most of that their noise; the rest poses, joints, plans."""
+    assert len(packed) < 13e6
     assert session_bytes(session_from_bytes(packed)) == packed
 
 
