@@ -5,11 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.suites.accuracy.passes import PassFigures, metrics, pass_figures, scan_errors
+from benchmarks.suites.accuracy.passes import (
+    RMS_MM,
+    PassFigures,
+    metrics,
+    pass_figures,
+    scan_errors,
+)
 from rona_core.session.document import Session
 from tests.scenes import demo_parts
 
-ONE = PassFigures(0.97, 0.4, (0.02, 0.004), 1.0, bed=True)
+ONE = PassFigures(0.97, 0.4, (0.02, 0.004), 1.0, bed=True, rms_mm=dict.fromkeys(RMS_MM, 0.2))
 
 
 def test_a_scans_that_are_off_are_those_of_the_evaluation(demo):
@@ -26,6 +32,7 @@ def test_a_session_has_its_figures_and_an_empty_one_none(demo):
     disc = figures["inner_coverage_fraction"] / figures["coverage_fraction"]
     assert found.coverage == pytest.approx(disc, abs=0.03)
     assert found.bed
+    assert found.rms_mm["outer_rms_mm"] == figures["outer_rms_mm"]
     assert 0.0 < found.ratio < 10.0
     assert pass_figures(Session(), {}) is None
 

@@ -34,6 +34,7 @@ OFF_MM = (0.5, 1.0)
 FEW, MOST = (0.04, 0.005), (0.11, 0.02)
 FEW_GOALS = (0.9, 0.95)
 RATIO_GOAL = 1.4
+RMS_MM = ("surface_rms_mm", "outer_rms_mm", "inner_rms_mm", "thickness_rms_mm")
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +46,7 @@ class PassFigures:
     off: tuple[float, ...]  # share of the A-scans in the inner map, for each of ``OFF_MM``
     ratio: float  # mean squared error of the thickness over its stated variance
     bed: bool
+    rms_mm: Mapping[str, float]  # errors of the whole procedure, by figure
 
 
 def run(progress: Progress) -> list[Metric]:
@@ -79,6 +81,7 @@ def pass_figures(session: Session, figures: Mapping[str, object]) -> PassFigures
         off=_shares_off(counted_mm),
         ratio=float(np.mean((thickness_mm**2 / variance)[known])),
         bed=judge_part("bed", session).holds,
+        rms_mm={key: _number(figures[key]) for key in RMS_MM},
     )
 
 
@@ -122,6 +125,10 @@ def metrics(found: Sequence[PassFigures | None]) -> Iterator[Metric]:
         ("coverage of the first pass alone", [one.one_pass_coverage for one in known]),
     ):
         yield Metric(f"{name}, median", float(np.median(values)), "share", "higher")
+    for key in RMS_MM:
+        errors_mm = [one.rms_mm[key] for one in known]
+        yield Metric(f"{key}, median", float(np.median(errors_mm)), "mm", "lower")
+        yield Metric(f"{key}, worst", max(errors_mm), "mm", "lower")
     ratio = float(np.mean([one.ratio for one in known]))
     yield Metric("thickness, squared error over variance", ratio, "1", "lower", RATIO_GOAL)
 
