@@ -27,6 +27,7 @@ MEDIAN_LOSS = np.pi / 2.0  # variance of a median over that of a mean
 # One standard deviation, before passes are compared: an upright pass measures its stand-off itself,
 # that of a tilted one comes from the map and from the poses of the robot in other postures.
 UPRIGHT_MM, TILTED_MM = 0.02, 0.3
+MOST_SIGMAS = 3.0  # of these, that two passes differ by at most
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,7 +76,8 @@ def _offsets(places: Floats, depths: Floats, passes: Ints, count: int) -> tuple[
     """Return the offset of each pass (p,) and their covariance: least squares over all pairs.
 
     Of m passes each is in m - 1 pairs, which are no news of their own: as information of
-    independent A-scans the pairs of one face add up to m / 2 times what they tell.
+    independent A-scans the pairs of one face add up to m / 2 times what they tell. A pair that is
+    farther apart than any offset shows two boundaries, and says nothing of it.
     """
     prior = np.where(np.arange(count) == 0, UPRIGHT_MM, TILTED_MM)
     normal, right = np.diag(prior**-2.0), np.zeros(count)
@@ -88,11 +90,13 @@ def _offsets(places: Floats, depths: Floats, passes: Ints, count: int) -> tuple[
                 continue
             pairs = tree.query_ball_tree(other, PAIR_MM)
             near = np.repeat(np.arange(len(pairs)), [len(found) for found in pairs])
-            if len(near) < LEAST_PAIRS:
-                continue
             there = np.array([k for found in pairs for k in found], dtype=np.int64)
             mine, theirs = np.flatnonzero(passes == i)[near], np.flatnonzero(passes == j)[there]
             off = depths[mine] - depths[theirs]
+            alike = np.abs(off) <= MOST_SIGMAS * np.hypot(prior[i], prior[j])
+            if np.count_nonzero(alike) < LEAST_PAIRS:
+                continue
+            mine, off = mine[alike], off[alike]
             middle = float(np.median(off))
             spread = max(MAD_TO_SIGMA * float(np.median(np.abs(off - middle))), LEAST_SPREAD_MM)
             faces = len(np.unique(np.floor(places[mine] / FACE_MM), axis=0))

@@ -104,6 +104,17 @@ def test_what_one_pass_alone_hears_at_another_depth_is_refused():
     assert found.agreeing[made.sure & ~of_step].mean() > 0.97
 
 
+@pytest.mark.parametrize("step_mm", [-2.5, 2.0, 4.0])
+@pytest.mark.parametrize("count", [3, 5])
+def test_a_pass_of_which_all_hear_another_boundary_is_refused_and_moves_no_other(step_mm, count):
+    offsets = np.r_[0.0, np.linspace(-0.2, 0.2, count - 1), step_mm]
+    made = passes_over(np.random.default_rng(count), offsets)
+    found = made.fused()
+    assert np.abs(found.offsets_mm[:count] - offsets[:count]).max() < 0.1
+    assert found.agreeing[made.passes == count].mean() < 0.05
+    assert found.agreeing[made.sure & (made.passes < count)].mean() > 0.9
+
+
 def test_one_pass_alone_has_no_offset_and_is_as_sure_as_such_a_pass_is():
     made = passes_over(np.random.default_rng(3), (0.0,))
     found = made.fused()
