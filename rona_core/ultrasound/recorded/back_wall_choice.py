@@ -7,8 +7,8 @@ of the probe; in front of its back wall lie the last lobes of the pulse and, in 
 import numpy as np
 
 from rona_core.geometry.arrays import Floats, Ints
-from rona_core.ultrasound.recorded.aligned_lines import RfSurvey, fronts_are_cut, least_lag_us
-from rona_core.ultrasound.recorded.band import Band, Complexes, filtered, inverse_filter
+from rona_core.ultrasound.recorded.aligned_lines import RfSurvey
+from rona_core.ultrasound.recorded.band import Band
 from rona_core.ultrasound.recorded.echo_tracks import (
     Peaks,
     Track,
@@ -253,7 +253,6 @@ def find_back_wall(survey: RfSurvey, pulse_delay_us: float) -> Track | None:
         band=band,
         positions_mm=recorded.positions_mm,
         pulse_delay_us=pulse_delay_us,
-        cut=fronts_are_cut(survey),
     )
     peaks = _peaks_behind_front(survey)
     place = recorded.positions_mm
@@ -270,22 +269,4 @@ def _peaks_behind_front(survey: RfSurvey) -> Peaks:
     rate, zero = survey.sampling_mhz, survey.zero
     last = survey.recorded.rf.shape[1] - survey.front.aligned.at_us * rate + zero
     ends = np.minimum(np.floor(last).astype(np.int64), survey.lines.shape[1])
-    lines = _compress_like_front(survey)
-    return find_peaks(lines, 1.0 / rate, zero, survey.band, least_lag_us(survey), ends)
-
-
-def _compress_like_front(survey: RfSurvey) -> Complexes:
-    """Return lines in which an echo like the front is one short lobe of height 1."""
-    lines, rate, band = survey.lines, survey.sampling_mhz, survey.band
-    pulse = np.fft.ifft(survey.front.aligned.spectrum)
-    half = len(pulse) // 2
-    padded = max(lines.shape[1] + 4 * round(band.length_us * rate), half)
-    f: Floats = np.fft.fftfreq(padded, 1.0 / rate).astype(np.float64)
-    whole = np.zeros(padded, dtype=np.complex128)
-    whole[:half] = pulse[:half]
-    whole[-half:] += pulse[-half:]
-    spectrum = np.fft.fft(whole)
-    weight = inverse_filter(spectrum, f, band)
-    weight = weight / np.abs(np.fft.ifft(spectrum * weight)).max()
-    weight = weight * float(np.abs(pulse).max())  # the lines are over the height of the front
-    return filtered(lines, weight)
+    return find_peaks(survey.lines, 1.0 / rate, zero, survey.band, survey.band.length_us, ends)

@@ -220,10 +220,7 @@ def check_lines(rf: Floats) -> None:
 
 
 def near_one(rf: Floats) -> Floats:
-    """Return lines (n, samples) whose largest sample is 0.5 to 1, whatever the recorder's unit.
-
-    They are multiplied by a power of two, so that no digit changes.
-    """
-    largest = float(np.abs(rf).max(initial=0.0))
-    result: Floats = np.ldexp(rf, -int(np.frexp(largest)[1]))
-    return result
+    """Return lines (n, samples) without their offset, the largest sample of each at 1."""
+    line = rf - np.median(rf, axis=1)[:, None]
+    largest = np.abs(line).max(axis=1)[:, None]
+    return line / np.where(largest > 0, largest, 1.0)

@@ -15,6 +15,7 @@ from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.geometry.robust import MAD_TO_SIGMA
 from rona_core.ultrasound.recorded.band import Band, Complexes, noise_rms
 
+RISE = 2.0  # of an echo, over the quietest moment between the front and it
 PEAKS = 20  # kept for each scan
 LEAST_SNR = 3.5  # of a peak of the envelope over the rms of the noise
 TRACKS = 10
@@ -54,6 +55,19 @@ class Track:
     def typical_level(self) -> float:
         """Return the median level over the front."""
         return float(np.median(self.level[self.present]))
+
+
+def spaced_by_one(positions: Floats | None) -> Floats | None:
+    """Return positions (n, 1 to 3) with a typical distance of 1 between neighbours, from 0 on.
+
+    Whatever their unit: equal distances stay equal to the last digit. None where all are the same.
+    """
+    if positions is None or len(positions) < 2 or np.ptp(positions, axis=0).max() == 0:
+        return None
+    place = positions - positions.min(axis=0)
+    distance = KDTree(place).query(place, k=2)[0][:, 1]
+    apart = distance[distance > 1e-6 * np.ptp(place, axis=0).max()]
+    return np.round(place / np.median(apart), 6) if len(apart) else None
 
 
 def neighbour_tree(ok: Bools, positions_mm: Floats | None) -> tuple[Ints, Ints]:
@@ -171,6 +185,9 @@ def find_peaks(
     top = np.zeros(behind.shape, dtype=np.bool_)
     top[:, 1:-1] = (behind[:, 1:-1] > behind[:, :-2]) & (behind[:, 1:-1] >= behind[:, 2:])
     top &= behind > LEAST_SNR * noise[:, None]
+    # the tail of a front, however loud, only falls
+    lowest = np.minimum.accumulate(envelope[:, zero:], axis=1)[:, first - zero :]
+    top &= behind > RISE * lowest
     top &= np.arange(behind.shape[1]) < ends[:, None] - first
     value = np.where(top, behind, 0.0)
     count = min(PEAKS, value.shape[1])
