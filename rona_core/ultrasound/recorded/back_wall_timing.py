@@ -11,8 +11,8 @@ import numpy as np
 
 from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.ultrasound.recorded.aligned_lines import RfSurvey
+from rona_core.ultrasound.recorded.back_wall_choice import Track
 from rona_core.ultrasound.recorded.band import Band, Complexes, noise_rms
-from rona_core.ultrasound.recorded.echo_tracks import Track
 from rona_core.ultrasound.recorded.template_learning import Aligned, align_echoes
 
 ALIKE = 0.6  # correlation with the mean back echo, below which a scan is unsure
@@ -62,9 +62,7 @@ def time_back_wall(survey: RfSurvey, track: Track) -> BackEchoes:
     """
     front, band, rate = survey.front, survey.band, survey.sampling_mhz
     used = track.present & front.ok
-    middle = float(np.median(track.lag_us[used]))
-    coarse = np.where(track.present, track.lag_us, middle)
-    centers = np.rint(survey.zero + coarse * rate).astype(np.int64)
+    centers = np.rint(survey.zero + track.lag_us * rate).astype(np.int64)
     cycle = 1.0 / band.centre_mhz
     aligned = align_echoes(
         survey.lines, centers, used, rate, band, search_us=SEARCH_CYCLES * cycle
@@ -86,7 +84,7 @@ def time_back_wall(survey: RfSurvey, track: Track) -> BackEchoes:
         np.hypot(sigma, cycle_sigma_us(match, band)),
         detected,
         confident,
-        track.typical_level,
+        track.level,
         bool(np.cos(match.turn_rad) < 0.0),
         detected & _ends_in_echo(survey, centers),
         match.correlation,

@@ -12,6 +12,7 @@ from rona_core.devices.files.rf.rf_data import RecordedRf
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
+from rona_core.geometry.robust import mad_sigma
 from rona_core.ultrasound.recorded.aligned_lines import align_fronts, pulse_delay_us
 from rona_core.ultrasound.recorded.artefacts import (
     find_clipped,
@@ -29,9 +30,7 @@ from rona_core.ultrasound.recorded.band import (
     near_one,
     require_sampled,
 )
-from rona_core.ultrasound.recorded.echo_tracks import spaced_by_one
 from rona_core.ultrasound.recorded.front_wall import FrontEchoes, find_recorded_fronts
-from rona_core.ultrasound.recorded.probe_reverberations import robust_sd
 
 OK, NO_FRONT, NO_BACK, UNSURE, CUT_OFF = range(5)
 SPEEDS_MM_PER_US = (0.5, 10.0)
@@ -92,9 +91,7 @@ def detect_recorded(
             f"the sound speed must be {low} to {high} mm/us: {sound_speed_mm_per_us:g}"
         )
     check_lines(recorded.rf)
-    recorded = replace(
-        recorded, rf=near_one(recorded.rf), positions_mm=spaced_by_one(recorded.positions_mm)
-    )
+    recorded = replace(recorded, rf=near_one(recorded.rf))
     found = _found(recorded, prior_mhz, _Steps(progress, cancel))
     if not recorded.start_known and _may_be_emission(found):
         later = _behind(recorded, found)
@@ -128,7 +125,7 @@ def _found(recorded: RecordedRf, prior_mhz: float | None, report: "_Steps") -> _
     report(0.1)
     spikes = find_spikes(rf, clipped, rate, band)
     if spikes.any():
-        rf = remove_spikes(rf, spikes, rate, band)
+        rf = remove_spikes(rf, spikes)
         band = find_band(rf, clipped, rate, prior_mhz, emitting)
     rf = remove_narrow_band_interference(rf, clipped, rate, band)
     z = analytic(rf, rate, band)
@@ -151,7 +148,7 @@ def _may_be_emission(found: _Found) -> bool:
     at = found.front.aligned.at_us[found.front.ok]
     if len(at) == 0 or found.front.quiet_from.any() or found.alike > UNLIKE:
         return False
-    return len(at) < FEW or robust_sd(at) < TRIGGER_US
+    return len(at) < FEW or mad_sigma(at, center=float(np.median(at))) < TRIGGER_US
 
 
 def _behind(recorded: RecordedRf, found: _Found) -> RecordedRf | None:
