@@ -23,6 +23,7 @@ NEAR_SHARE, FAR_SHARE = 0.3, 0.6  # of the usual level, at least
 LEAST_SNR = 4.0
 RISE = 2.0  # of an echo, over the quietest moment between the front and it
 LEAST_SHARE = 0.3  # of the loudest echo of the plate and what is behind it
+STEADY = 0.7  # of what the loudest echo is: holes wander, and walls behind them do not
 MOST_ECHOES = 24
 LOBES = ((2.6, 0.22), (4.5, 0.13), (9.0, 0.05))  # reach in pulse lengths, level over the front
 TWICE = 0.35  # of the pulse length: how well a multiple fits
@@ -44,6 +45,7 @@ class Echo:
     level: float  # over the front
     foreign: bool = False  # has nothing to do with the plate
     again: bool = False  # as late after the front as this is after the emission
+    steady: float = 1.0  # level at one lag over that near it: an echo that wanders has less
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,8 +78,13 @@ def choose_back_wall(echoes: list[Echo], band: Band) -> int | None:
         return contact
     own = [k for k, echo in enumerate(echoes) if not echo.foreign]
     while own:
-        loudest = max(echoes[k].level for k in own)
-        loud = [k for k in own if echoes[k].level >= LEAST_SHARE * loudest]
+        loudest = max((echoes[k] for k in own), key=lambda echo: echo.level)
+        loud = [
+            k
+            for k in own
+            if echoes[k].level >= LEAST_SHARE * loudest.level
+            and echoes[k].steady >= STEADY * loudest.steady
+        ]
         for k in loud:
             if not _is_lobe(echoes[k], [echoes[j] for j in own if j != k], band):
                 return k
@@ -165,7 +172,8 @@ def find_echoes(survey: RfSurvey, pulse_delay_us: float) -> list[Echo]:
         if middles[at] >= middles[max(0, at - 2) : at + 3].max():  # no flank of a louder one
             again = _repeats_standoff(survey, at / rate, pulse_delay_us)
             foreign = again or moved(at, height)
-            echoes.append(Echo(at / rate, height, foreign, again))
+            near = usual[zero + max(0, at - first) : zero + at + first + 1].max()
+            echoes.append(Echo(at / rate, height, foreign, again, float(near) / height))
     return sorted(echoes, key=lambda echo: echo.lag_us)
 
 

@@ -5,11 +5,12 @@ the envelopes, not the phase: loss, the field of the probe and an amplifier at i
 phase, and a wrong cycle would move all scans alike.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rona_core.geometry.arrays import Bools, Floats, Ints
+from rona_core.geometry.robust import mad_sigma
 from rona_core.ultrasound.recorded.aligned_lines import RfSurvey
 from rona_core.ultrasound.recorded.back_wall_choice import Track
 from rona_core.ultrasound.recorded.band import Band, Complexes, noise_rms
@@ -22,6 +23,9 @@ OFF_CYCLES = 0.4  # between a scan's own envelope and its waveform against the m
 LOSSES = np.linspace(0.0, 3.0, 16)  # Np per MHz tried for the way through the plate
 GAINS = np.geomspace(1.0, 30.0, 18)  # of the front over the limit of the amplifier
 CLIPPED_BETTER = 0.01  # correlation that a limit of the amplifier must bring
+SHAPES_ALIKE = 0.9  # below this correlation only the rise of front and back is compared
+RISEN = 0.5  # of the largest value, to which it is
+STRAYS_LENGTHS, STRAYS_TIMES = 0.5, 4.0  # pulse lengths, robust deviations, off the usual lag
 LONGEST = 3.0, 5.0  # of the pulse, before and behind the point at which a front is timed
 MOST_GAIN = 5.0  # by which a loss is taken back
 END_LENGTHS = 2.0  # of the pulse: so far before the end of a line an echo may belong to one
@@ -47,7 +51,7 @@ class BackEchoes:
 class Match:
     """How the mean back echo follows from the mean front."""
 
-    delay_us: float  # of the back's point of time against the front's
+    delay_us: float  # of the back echo's envelope against the front's
     turn_rad: float  # of its phase
     correlation: float
     gain: float  # of the front over the limit that cut it off; 1 where nothing did
@@ -77,6 +81,11 @@ def time_back_wall(survey: RfSurvey, track: Track) -> BackEchoes:
     own = aligned.at_us - survey.zero / rate - track.lag_us
     off = np.abs(own - (np.median(own[used]) if used.any() else 0.0))
     confident = detected & (aligned.correlation > ALIKE) & (off < OFF_CYCLES * cycle)
+    # what is alone at its lag is another echo
+    usual = float(np.median(found[confident])) if confident.any() else 0.0
+    scatter = mad_sigma(found[confident], center=usual) if confident.any() else 0.0
+    strays = np.abs(found - usual) > max(STRAYS_LENGTHS * band.length_us, STRAYS_TIMES * scatter)
+    confident &= ~strays
     # bound of a coherent estimate: bandwidth times time is about 1, both echoes have noise
     sigma = np.hypot(1.0 / np.maximum(snr, 1.0), noise) / (2.0 * np.pi * band.centre_mhz)
     return BackEchoes(
@@ -96,10 +105,11 @@ def cycle_sigma_us(match: Match, band: Band) -> float:
 
     Where the phase of the back echo is that of the front, upright or inverted, envelope and phase
     say the same. What the phase is off, up to a quarter cycle, may be delay: it lies anywhere up
-    to there. A front that was cut off has lost its shape, and may be off by a half cycle.
+    to there. Where the front was cut off, or the echoes are unlike, it may be off by a half cycle.
     """
     off = abs((match.turn_rad + 0.5 * np.pi) % np.pi - 0.5 * np.pi) / (2.0 * np.pi)
-    cycles = np.hypot(off, 0.5 if match.gain > 1.0 else 0.0) / np.sqrt(3.0)
+    unlike = match.gain > 1.0 or match.correlation < SHAPES_ALIKE
+    cycles = np.hypot(off, 0.5 if unlike else 0.0) / np.sqrt(3.0)
     return float(cycles / band.centre_mhz)
 
 
@@ -148,7 +158,18 @@ def match_echoes(front: Complexes, back: Complexes, rate: float, band: Band) -> 
         other = _compared(fronts[None], cuts, rate, GAINS[1:])
         if other.correlation > best.correlation + (CLIPPED_BETTER if best.gain == 1.0 else 0.0):
             best = other
-    return best
+    if best.correlation > SHAPES_ALIKE:
+        return best
+    apart = _rise(np.abs(back)) - _rise(np.abs(front))
+    return replace(best, delay_us=apart / rate)
+
+
+def _rise(envelope: Floats) -> float:
+    """Return the sample at which an envelope (k,) first reaches a share of its largest value."""
+    level = RISEN * float(envelope.max())
+    at = max(1, int(np.argmax(envelope >= level)))
+    low, high = float(envelope[at - 1]), float(envelope[at])
+    return at - (high - level) / max(high - low, 1e-12)
 
 
 def _compared(fronts: Complexes, backs: Complexes, rate: float, gains: Floats | float) -> Match:
