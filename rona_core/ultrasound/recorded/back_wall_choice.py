@@ -22,7 +22,7 @@ FAR_LENGTHS = 4.0  # the same, for a scan that has nothing within the above
 NEAR_SHARE, FAR_SHARE = 0.3, 0.6  # of the usual level, at least
 LEAST_SNR = 4.0
 RISE = 2.0  # of an echo, over the quietest moment between the front and it
-LEAST_SHARE = 0.3  # of the loudest echo of the plate and what is behind it
+LEAST_SHARE = 0.35  # of the loudest echo of the plate and what is behind it
 STEADY = 0.7  # of what the loudest echo is: holes wander, and walls behind them do not
 MOST_ECHOES = 24
 LOBES = ((2.6, 0.22), (4.5, 0.13), (9.0, 0.05))  # reach in pulse lengths, level over the front
@@ -157,8 +157,11 @@ def find_echoes(survey: RfSurvey, pulse_delay_us: float) -> list[Echo]:
     usual = np.quantile(envelope, USUAL, axis=0)
     level = _reached(envelope, length)
     noise = float(np.median(noise_rms(envelope, zero, length)))
-    lowest = np.minimum.accumulate(usual[zero:])
     first = round(length)
+    # the quietest moment so far, before all that counts as near
+    near = round(SPREAD_LENGTHS * length)
+    lowest = np.minimum.accumulate(usual[zero:])
+    lowest = np.concatenate((np.full(near, lowest[0]), lowest))[: len(lowest)]
     alive = level[zero:].copy()
     alive[: first + 1] = 0.0
     alive[(alive < LEAST_SNR * noise) | (alive < RISE * lowest)] = 0.0
@@ -172,8 +175,8 @@ def find_echoes(survey: RfSurvey, pulse_delay_us: float) -> list[Echo]:
         if middles[at] >= middles[max(0, at - 2) : at + 3].max():  # no flank of a louder one
             again = _repeats_standoff(survey, at / rate, pulse_delay_us)
             foreign = again or moved(at, height)
-            near = usual[zero + max(0, at - first) : zero + at + first + 1].max()
-            echoes.append(Echo(at / rate, height, foreign, again, float(near) / height))
+            still = usual[zero + max(0, at - near) : zero + at + near + 1].max()
+            echoes.append(Echo(at / rate, height, foreign, again, float(still) / height))
     return sorted(echoes, key=lambda echo: echo.lag_us)
 
 

@@ -26,6 +26,7 @@ INVERSE_FLOOR = 0.02  # of the peak power, added before dividing
 BLOCK = 64  # lines at a time
 EDGE_SHARE = 0.9  # of half the sampling rate, next to it
 FOLDED = 0.05  # power there; 0.002 at most in recordings with 6 samples a cycle, 0.01 with 3.7
+TOUCHING = 0.55, 0.7  # power there, width over centre, below which only the end of a band is lost
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,14 +120,15 @@ def find_band(
 def require_sampled(band: Band, sampling_mhz: float) -> None:
     """Raise InvalidInputError where the echoes reach up to half the sampling rate.
 
-    What is above it has come back folded, cycles cannot be counted any more.
+    What is above it has come back folded. A band of which only the upper end is near it still
+    shows its centre: envelopes are timed, not cycles.
     """
-    if band.edge > FOLDED:
+    most, width = TOUCHING
+    if band.edge > (most if band.width_mhz < width * band.centre_mhz else FOLDED):
         raise InvalidInputError(
             f"the lines have {sampling_mhz:.3g} million samples a second, and their echoes reach "
-            f"up to half of that (power there {100.0 * band.edge:.0f} % of the largest, at most "
-            f"{100.0 * FOLDED:.0f} % are expected): what lies above is folded back, and the "
-            "thickness may be off by cycles; check the sampling rate in the file, or record with "
+            f"up to half of that (power there {100.0 * band.edge:.0f} % of the largest): what lies "
+            "above is folded back, and the thickness may be off; check the sampling rate in the file, or record with "
             "4 or more samples in a cycle"
         )
 
