@@ -17,13 +17,13 @@ from rona_core.ultrasound.recorded.aligned_lines import RfSurvey
 from rona_core.ultrasound.recorded.band import Band, noise_rms
 
 USUAL = 0.35  # share of the scans that may have less of an echo
-SPREAD_LENGTHS = 1.0  # of the pulse, by which a back wall may be off its usual lag in a scan
+SPREAD_LENGTHS = 0.7  # of the pulse, by which a back wall may be off its usual lag in a scan
 FAR_LENGTHS = 4.0  # the same, for a scan that has nothing within the above
 NEAR_SHARE, FAR_SHARE = 0.3, 0.6  # of the usual level, at least
 LEAST_SNR = 4.0
 RISE = 2.0  # of an echo, over the quietest moment between the front and it
 LEAST_SHARE = 0.35  # of the loudest echo of the plate and what is behind it
-STEADY = 0.7  # of what the loudest echo is: holes wander, and walls behind them do not
+MORE, STILL = 3.0, 0.1  # times as much, and pulse lengths: holes wander more than walls do
 MOST_ECHOES = 24
 LOBES = ((2.6, 0.22), (4.5, 0.13), (9.0, 0.05))  # reach in pulse lengths, level over the front
 TWICE = 0.35  # of the pulse length: how well a multiple fits
@@ -45,7 +45,7 @@ class Echo:
     level: float  # over the front
     foreign: bool = False  # has nothing to do with the plate
     again: bool = False  # as late after the front as this is after the emission
-    steady: float = 1.0  # level at one lag over that near it: an echo that wanders has less
+    wander_us: float = 0.0  # robust deviation of the lag from scan to scan
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,7 +83,7 @@ def choose_back_wall(echoes: list[Echo], band: Band) -> int | None:
             k
             for k in own
             if echoes[k].level >= LEAST_SHARE * loudest.level
-            and echoes[k].steady >= STEADY * loudest.steady
+            and echoes[k].wander_us <= MORE * loudest.wander_us + STILL * band.length_us
         ]
         for k in loud:
             if not _is_lobe(echoes[k], [echoes[j] for j in own if j != k], band):
@@ -175,8 +175,10 @@ def find_echoes(survey: RfSurvey, pulse_delay_us: float) -> list[Echo]:
         if middles[at] >= middles[max(0, at - 2) : at + 3].max():  # no flank of a louder one
             again = _repeats_standoff(survey, at / rate, pulse_delay_us)
             foreign = again or moved(at, height)
-            still = usual[zero + max(0, at - near) : zero + at + near + 1].max()
-            echoes.append(Echo(at / rate, height, foreign, again, float(still) / height))
+            lag, reached = _loudest(envelope, zero + at, SPREAD_LENGTHS * length, zero + first)
+            lag = lag[reached > NEAR_SHARE * height] / rate
+            wander = mad_sigma(lag, center=float(np.median(lag)))
+            echoes.append(Echo(at / rate, height, foreign, again, wander))
     return sorted(echoes, key=lambda echo: echo.lag_us)
 
 

@@ -24,6 +24,7 @@ RAYLEIGH_QUARTER, RAYLEIGH_HALF = 0.7585, 1.1774  # quantiles of envelopes over 
 QUIET_LENGTHS, ENOUGH_LENGTHS = 2.5, 5.0  # of the pulse: lines are quiet that far before a front
 INVERSE_FLOOR = 0.02  # of the peak power, added before dividing
 BLOCK = 64  # lines at a time
+QUIET_LINE = 0.2  # of the usual height of a line
 EDGE_SHARE = 0.9  # of half the sampling rate, next to it
 FOLDED = 0.05  # power there; 0.002 at most in recordings with 6 samples a cycle, 0.01 with 3.7
 TOUCHING = 0.55, 0.7  # power there, width over centre, below which only the end of a band is lost
@@ -222,7 +223,11 @@ def check_lines(rf: Floats) -> None:
 
 
 def near_one(rf: Floats) -> Floats:
-    """Return lines (n, samples) without their offset, the largest sample of each at 1."""
+    """Return lines (n, samples) without their offset, the largest sample of each at 1.
+
+    Lines in which there is hardly anything stay as quiet as they are against the others.
+    """
     line = rf - np.median(rf, axis=1)[:, None]
     largest = np.abs(line).max(axis=1)[:, None]
-    return line / np.where(largest > 0, largest, 1.0)
+    usual = float(np.median(largest))
+    return line / np.maximum(largest, QUIET_LINE * usual if usual > 0 else 1.0)

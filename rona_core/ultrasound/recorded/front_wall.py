@@ -77,12 +77,12 @@ def find_recorded_fronts(
 def _usual_span(onset: Ints, gap: float) -> tuple[int, int]:
     """Return first and last of the onsets (n,) that follow each other without a larger gap.
 
-    Of all, where less than half of them do.
+    Of all, where few do.
     """
     order = np.sort(onset)
     runs = np.split(order, np.flatnonzero(np.diff(order) > gap) + 1)
     most = max(runs, key=len)
-    most = most if 2 * len(most) > len(order) and len(order) >= FEW else order
+    most = most if 3 * len(most) > len(order) and len(order) >= FEW else order
     return int(most[0]), int(most[-1])
 
 
