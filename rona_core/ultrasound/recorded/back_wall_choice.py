@@ -23,7 +23,8 @@ NEAR_SHARE, FAR_SHARE = 0.3, 0.6  # of the usual level, at least
 LEAST_SNR = 4.0
 RISE = 2.0  # of an echo, over the quietest moment between the front and it
 LEAST_SHARE = 0.35  # of the loudest echo of the plate and what is behind it
-MORE, STILL = 3.0, 0.1  # times as much, and pulse lengths: holes wander more than walls do
+MORE, STILL = 1.5, 0.05  # times as much, and pulse lengths: holes wander more than walls do
+LESS = 0.8  # of its share of scans
 MOST_ECHOES = 24
 LOBES = ((2.6, 0.22), (4.5, 0.13), (9.0, 0.05))  # reach in pulse lengths, level over the front
 TWICE = 0.35  # of the pulse length: how well a multiple fits
@@ -46,6 +47,7 @@ class Echo:
     foreign: bool = False  # has nothing to do with the plate
     again: bool = False  # as late after the front as this is after the emission
     wander_us: float = 0.0  # robust deviation of the lag from scan to scan
+    share: float = 1.0  # of the scans that have a peak near the lag
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,6 +86,7 @@ def choose_back_wall(echoes: list[Echo], band: Band) -> int | None:
             for k in own
             if echoes[k].level >= LEAST_SHARE * loudest.level
             and echoes[k].wander_us <= MORE * loudest.wander_us + STILL * band.length_us
+            and echoes[k].share >= LESS * loudest.share
         ]
         for k in loud:
             if not _is_lobe(echoes[k], [echoes[j] for j in own if j != k], band):
@@ -176,10 +179,15 @@ def find_echoes(survey: RfSurvey, pulse_delay_us: float) -> list[Echo]:
             again = _repeats_standoff(survey, at / rate, pulse_delay_us)
             foreign = again or moved(at, height)
             lag, reached = _loudest(envelope, zero + at, SPREAD_LENGTHS * length, zero + first)
-            lag = lag[reached > NEAR_SHARE * height] / rate
-            wander = mad_sigma(lag, center=float(np.median(lag)))
-            echoes.append(Echo(at / rate, height, foreign, again, wander))
+            peaked = (reached > NEAR_SHARE * height) & (np.abs(lag - zero - at) < near)
+            wander = _deviation(lag[peaked] / rate)
+            share = float(peaked.mean())
+            echoes.append(Echo(at / rate, height, foreign, again, wander, share))
     return sorted(echoes, key=lambda echo: echo.lag_us)
+
+
+def _deviation(values: Floats) -> float:
+    return mad_sigma(values, center=float(np.median(values))) if len(values) else 0.0
 
 
 def _envelopes(survey: RfSurvey) -> Floats:
