@@ -27,6 +27,7 @@ MORE, STILL = 1.5, 0.05  # times as much, and pulse lengths: holes wander more t
 LESS = 0.8  # of its share of scans
 MOST_ECHOES = 24
 LOBES = ((2.6, 0.22), (4.5, 0.13), (9.0, 0.05))  # reach in pulse lengths, level over the front
+FAINTEST = 0.015  # over the front; what is near and fainter is left of the pulse
 TWICE = 0.35  # of the pulse length: how well a multiple fits
 MIRROR = 30.0  # R / (1 - R^2) of steel in water is 8, and the field spreads
 MOVES_US = 0.05  # of the front; less does not show what moves with it
@@ -127,6 +128,8 @@ def _is_lobe(echo: Echo, others: list[Echo], band: Band) -> bool:
     """
     if not is_early_and_weak(echo.lag_us, echo.level, band):
         return False
+    if echo.level < FAINTEST:
+        return True
     later = [o for o in others if o.level > 0.5 * echo.level and o.lag_us > echo.lag_us]
     lobes = [o.lag_us + echo.lag_us for o in later]
     lobes += [2.0 * o.lag_us for o in later if o.level > 2.0 * echo.level]
@@ -168,7 +171,7 @@ def find_echoes(survey: RfSurvey, pulse_delay_us: float) -> list[Echo]:
     alive = level[zero:].copy()
     alive[: first + 1] = 0.0
     alive[(alive < LEAST_SNR * noise) | (alive < RISE * lowest)] = 0.0
-    middles = uniform_filter1d(level, 2 * round(0.5 * length) + 1)[zero:]
+    middles = uniform_filter1d(alive, 2 * round(0.5 * length) + 1)
     moved = _moved(survey)
     echoes: list[Echo] = []
     while alive.any() and len(echoes) < MOST_ECHOES:

@@ -86,11 +86,13 @@ def time_back_wall(survey: RfSurvey, track: Track) -> BackEchoes:
     scatter = mad_sigma(found[confident], center=usual) if confident.any() else 0.0
     strays = np.abs(found - usual) > max(STRAYS_LENGTHS * band.length_us, STRAYS_TIMES * scatter)
     confident &= ~strays
-    # bound of a coherent estimate: bandwidth times time is about 1, both echoes have noise
-    sigma = np.hypot(1.0 / np.maximum(snr, 1.0), noise) / (2.0 * np.pi * band.centre_mhz)
+    # bandwidth times time is about 1; what a scan is unlike the mean counts as noise does
+    unlike = np.sqrt(np.clip(1.0 - aligned.correlation**2, 0.0, 1.0))
+    own = np.sqrt(1.0 / np.maximum(snr, 1.0) ** 2 + noise**2 + unlike**2)
+    sigma = own / (2.0 * np.pi * band.centre_mhz)
     return BackEchoes(
         found,
-        np.hypot(sigma, cycle_sigma_us(match, band)),
+        np.hypot(sigma, shared_sigma_us(match, band)),
         detected,
         confident,
         track.level,
@@ -100,17 +102,19 @@ def time_back_wall(survey: RfSurvey, track: Track) -> BackEchoes:
     )
 
 
-def cycle_sigma_us(match: Match, band: Band) -> float:
-    """Return the uncertainty (1 SD) of the delay between the mean echoes.
+def shared_sigma_us(match: Match, band: Band) -> float:
+    """Return the uncertainty (1 SD) of the delay between the mean echoes, which all scans share.
 
-    Where the phase of the back echo is that of the front, upright or inverted, envelope and phase
-    say the same. What the phase is off, up to a quarter cycle, may be delay: it lies anywhere up
-    to there. Where the front was cut off, or the echoes are unlike, it may be off by a half cycle.
+    Envelopes that are unlike (correlation r) leave sqrt(1 - r^2) over their bandwidth. Where the
+    phase of the back echo is that of the front, upright or inverted, it says the same as the
+    envelope; what it is off, up to a quarter cycle, may be delay. Where the front was cut off, or
+    only the rises are compared, the delay may be off by a half cycle either way.
     """
+    shape = np.sqrt(max(0.0, 1.0 - match.correlation**2)) / (2.0 * np.pi * band.width_mhz)
     off = abs((match.turn_rad + 0.5 * np.pi) % np.pi - 0.5 * np.pi) / (2.0 * np.pi)
     unlike = match.gain > 1.0 or match.correlation < SHAPES_ALIKE
-    cycles = np.hypot(off, 0.5 if unlike else 0.0) / np.sqrt(3.0)
-    return float(cycles / band.centre_mhz)
+    cycles = np.hypot(off, 0.5 if unlike else 0.0) / np.sqrt(3.0)  # of even probability
+    return float(np.hypot(shape, cycles / band.centre_mhz))
 
 
 def _means(survey: RfSurvey, aligned: Aligned, used: Bools) -> tuple[Complexes, Complexes]:
