@@ -27,7 +27,7 @@ MORE, STILL = 1.5, 0.05  # times as much, and pulse lengths: holes wander more t
 LESS = 0.8  # of its share of scans
 MOST_ECHOES = 24
 LOBES = ((2.6, 0.22), (4.5, 0.13), (9.0, 0.05))  # reach in pulse lengths, level over the front
-FAINTEST = 0.015  # over the front; what is near and fainter is left of the pulse
+LONE = 4.5, 0.07  # reach in pulse lengths, level of a lobe behind which nothing louder comes
 TWICE = 0.35  # of the pulse length: how well a multiple fits
 MIRROR = 30.0  # R / (1 - R^2) of steel in water is 8, and the field spreads
 MOVES_US = 0.05  # of the front; less does not show what moves with it
@@ -128,9 +128,7 @@ def _is_lobe(echo: Echo, others: list[Echo], band: Band) -> bool:
     """
     if not is_early_and_weak(echo.lag_us, echo.level, band):
         return False
-    if echo.level < FAINTEST:
-        return True
-    later = [o for o in others if o.level > 0.5 * echo.level and o.lag_us > echo.lag_us]
+    later = [o for o in others if o.level > 0.6 * echo.level and o.lag_us > echo.lag_us]
     lobes = [o.lag_us + echo.lag_us for o in later]
     lobes += [2.0 * o.lag_us for o in later if o.level > 2.0 * echo.level]
     apart = TWICE * band.length_us
@@ -140,7 +138,9 @@ def _is_lobe(echo: Echo, others: list[Echo], band: Band) -> bool:
         and abs(o.lag_us - 2.0 * echo.lag_us) < apart
         for o in others
     )
-    return bool(later) and not multiple
+    reach, most = LONE
+    alone = echo.lag_us < reach * band.length_us and echo.level < most
+    return (bool(later) or alone) and not multiple
 
 
 def is_early_and_weak(after_us: float, level: float, band: Band) -> bool:

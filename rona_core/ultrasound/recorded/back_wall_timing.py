@@ -21,6 +21,7 @@ LEAST_SNR = 3.0
 SEARCH_CYCLES = 0.75
 OFF_CYCLES = 0.4  # between a scan's own envelope and its waveform against the mean
 LOSSES = np.linspace(0.0, 3.0, 16)  # Np per MHz tried for the way through the plate
+REACH_LENGTHS = 1.0  # of the pulse, by which the mean echoes may be off each other
 GAINS = np.geomspace(1.0, 30.0, 18)  # of the front over the limit of the amplifier
 CLIPPED_BETTER = 0.01  # correlation that a limit of the amplifier must bring
 SHAPES_ALIKE = 0.9  # below this correlation only the rise of front and back is compared
@@ -150,7 +151,8 @@ def match_echoes(front: Complexes, back: Complexes, rate: float, band: Band) -> 
     size = 8 * len(front)
     f = np.fft.fftfreq(size, 1.0 / rate)
     fronts, backs = np.fft.fft(front, size), np.fft.fft(back, size)
-    best = _compared(fronts * damping(LOSSES[:, None], f, band), backs[None], rate, 1.0)
+    reach = round(REACH_LENGTHS * band.length_us * rate)
+    best = _compared(fronts * damping(LOSSES[:, None], f, band), backs[None], reach, 1.0)
     passed = np.where(f > 0, 2.0 * band.response(np.abs(f)), 0.0)
     for loss in LOSSES[::3]:
         undamped = damping(-float(loss), f, band)
@@ -159,9 +161,10 @@ def match_echoes(front: Complexes, back: Complexes, rate: float, band: Band) -> 
         wave = wave / np.abs(wave).max()
         cut = np.clip(GAINS[1:, None] * wave, -1.0, 1.0)
         cuts = np.fft.fft(cut, axis=1) * passed
-        other = _compared(fronts[None], cuts, rate, GAINS[1:])
+        other = _compared(fronts[None], cuts, reach, GAINS[1:])
         if other.correlation > best.correlation + (CLIPPED_BETTER if best.gain == 1.0 else 0.0):
             best = other
+    best = replace(best, delay_us=best.delay_us / rate)
     if best.correlation > SHAPES_ALIKE:
         return best
     apart = _rise(np.abs(back)) - _rise(np.abs(front))
@@ -176,20 +179,19 @@ def _rise(envelope: Floats) -> float:
     return at - (high - level) / max(high - low, 1e-12)
 
 
-def _compared(fronts: Complexes, backs: Complexes, rate: float, gains: Floats | float) -> Match:
-    """Return the best match of spectra (m, f) of fronts and backs, whatever the phase."""
-    cross = np.fft.ifft(backs * np.conj(fronts), axis=1)
+def _compared(fronts: Complexes, backs: Complexes, reach: int, gains: Floats | float) -> Match:
+    """Return the best match of spectra (m, f) of fronts and backs, its delay in samples."""
+    cross = np.roll(np.fft.ifft(backs * np.conj(fronts), axis=1), reach + 1, axis=1)
+    cross = cross[:, : 2 * reach + 3]
     norm = np.sqrt((np.abs(fronts) ** 2).sum(axis=1) * (np.abs(backs) ** 2).sum(axis=1))
-    value = np.abs(cross) * cross.shape[1] / np.maximum(norm, 1e-300)[:, None]
-    row, at = np.unravel_index(int(np.argmax(value)), value.shape)
-    size = value.shape[1]
-    left, mid, right = (float(value[row, (at + k) % size]) for k in (-1, 0, 1))
+    value = np.abs(cross) * fronts.shape[1] / np.maximum(norm, 1e-300)[:, None]
+    row, at = np.unravel_index(int(np.argmax(value[:, 1:-1])), value[:, 1:-1].shape)
+    left, mid, right = (float(value[row, at + k]) for k in range(3))
     bend = left - 2.0 * mid + right
-    step = 0.5 * (left - right) / bend if bend < 0 else 0.0
-    lag = (int(at) + size // 2) % size - size // 2 + step
-    turn = float(np.angle(cross[row, at]))
+    step = float(np.clip(0.5 * (left - right) / bend, -0.5, 0.5)) if bend < 0 else 0.0
+    turn = float(np.angle(cross[row, at + 1]))
     gain = float(np.broadcast_to(gains, len(value))[row])
-    return Match(lag / rate, turn, mid, gain)
+    return Match(int(at) - reach + step, turn, mid, gain)
 
 
 def damping(loss_np_per_mhz: Floats | float, f: Floats, band: Band) -> Complexes:
