@@ -5,11 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from rona_core.devices.files.rf.rf_data import RecordedRf
-from rona_core.geometry.arrays import Floats
+from rona_core.geometry.arrays import Bools, Floats
 from rona_core.ultrasound.recorded.band import Band, Complexes
 from rona_core.ultrasound.recorded.front_wall import FrontEchoes
 
 BEFORE_LENGTHS, MOST_BEFORE_LENGTHS = 3.0, 8.0  # of the pulse, kept in front of the front wall
+PULSE_CONTINUES = 0.35  # of the mean front's peak: above it the pulse goes on
+LONGEST_LENGTHS = 5.0  # of 1 / bandwidth; more is a swept emission, not compressed
 ONSET = 0.04  # of the peak, at which a pulse begins
 
 
@@ -22,6 +24,7 @@ class RfSurvey:
     front: FrontEchoes
     lines: Complexes  # (n, samples) analytic, every front at sample ``zero`` with height 1
     zero: int
+    cut: bool  # most fronts stand at a limit of the converter
 
     @property
     def sampling_mhz(self) -> float:
@@ -34,8 +37,18 @@ class RfSurvey:
         return self.recorded.positions_mm
 
 
-def align_fronts(z: Complexes, front: FrontEchoes, recorded: RecordedRf, band: Band) -> RfSurvey:
-    """Shift and scale analytic lines (n, samples) so that all fronts coincide with height 1."""
+def align_fronts(
+    z: Complexes, front: FrontEchoes, recorded: RecordedRf, clipped: Bools, band: Band
+) -> RfSurvey:
+    """Shift and scale analytic lines (n, samples) so that all fronts coincide with height 1.
+
+    Args:
+        z: Analytic lines (n, samples).
+        front: In each of them.
+        recorded: As it was written.
+        clipped: Samples (n, samples) at a limit of the converter.
+        band: Of the echoes.
+    """
     rate = recorded.sampling_mhz
     front_sample = front.aligned.at_us * rate
     length = band.length_us * rate
@@ -55,7 +68,21 @@ def align_fronts(z: Complexes, front: FrontEchoes, recorded: RecordedRf, band: B
         shifted = np.fft.ifft(spectra * np.exp(2j * np.pi * f * shift_us[part, None]), axis=1)
         lines[part] = shifted[:, : lines.shape[1]]
     level = np.where(front.ok, np.maximum(front.aligned.level, 1e-3), 1.0)
-    return RfSurvey(recorded, band, front, lines / np.maximum(peak * level, 1e-12)[:, None], zero)
+    lines = lines / np.maximum(peak * level, 1e-12)[:, None]
+    near = np.abs(np.arange(size) - front_sample[:, None]) < 2.0 * length
+    cut = bool(2 * (front.ok & (clipped & near).any(axis=1)).sum() > front.ok.sum())
+    return RfSurvey(recorded, band, front, lines, zero, cut)
+
+
+def is_swept(survey: RfSurvey) -> bool:
+    """Return whether the mean front goes on for far longer than its bandwidth would have it."""
+    envelope = np.abs(survey.lines[survey.front.ok].mean(axis=0))
+    length = survey.band.length_us * survey.sampling_mhz
+    faint = envelope < PULSE_CONTINUES * envelope[: survey.zero + round(length)].max()
+    before, behind = faint[: survey.zero][::-1], faint[survey.zero :]
+    first = np.argmax(before) if before.any() else survey.zero
+    last = np.argmax(behind) if behind.any() else len(behind)
+    return bool(first + last > LONGEST_LENGTHS * length)
 
 
 def pulse_delay_us(survey: RfSurvey) -> float:

@@ -13,7 +13,7 @@ from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.geometry.robust import mad_sigma, reweighted_least_squares
-from rona_core.ultrasound.recorded.aligned_lines import RfSurvey
+from rona_core.ultrasound.recorded.aligned_lines import RfSurvey, is_swept
 from rona_core.ultrasound.recorded.band import Band, noise_rms
 
 USUAL = 0.35  # share of the scans that may have less of an echo
@@ -28,6 +28,7 @@ LESS = 0.8  # of its share of scans
 MOST_ECHOES = 24
 LOBES = ((2.6, 0.22), (4.5, 0.13), (9.0, 0.05))  # reach in pulse lengths, level over the front
 LONE = 4.5, 0.07  # reach in pulse lengths, level of a lobe behind which nothing louder comes
+CUT_SHORT = 2.5  # as much at least a front is higher that was cut off
 TWICE = 0.35  # of the pulse length: how well a multiple fits
 MIRROR = 30.0  # R / (1 - R^2) of steel in water is 8, and the field spreads
 MOVES_US = 0.05  # of the front; less does not show what moves with it
@@ -67,15 +68,21 @@ def find_back_wall(survey: RfSurvey, pulse_delay_us: float) -> Track | None:
         survey: Lines aligned to their fronts.
         pulse_delay_us: From the begin of a pulse to the point at which it is timed.
     """
-    if not survey.front.ok.any():
+    if not survey.front.ok.any() or is_swept(survey):
         return None
     echoes = find_echoes(survey, pulse_delay_us)
-    best = choose_back_wall(echoes, survey.band)
+    best = choose_back_wall(echoes, survey.band, cut=survey.cut)
     return None if best is None else _picked(survey, echoes[best])
 
 
-def choose_back_wall(echoes: list[Echo], band: Band) -> int | None:
-    """Return which echo is the back wall: the first that is loud and explained by nothing else."""
+def choose_back_wall(echoes: list[Echo], band: Band, *, cut: bool = False) -> int | None:
+    """Return which echo is the back wall: the first that is loud and explained by nothing else.
+
+    Args:
+        echoes: In the order of their lags.
+        band: Of the echoes.
+        cut: Whether the front was cut off, so that all levels over it are too large.
+    """
     contact = _contact(echoes, band)
     if contact is not None:
         return contact
@@ -90,7 +97,7 @@ def choose_back_wall(echoes: list[Echo], band: Band) -> int | None:
             and echoes[k].share >= LESS * loudest.share
         ]
         for k in loud:
-            if not _is_lobe(echoes[k], [echoes[j] for j in own if j != k], band):
+            if not _is_lobe(echoes[k], [echoes[j] for j in own if j != k], band, cut):
                 return k
         own = [k for k in own if k not in loud]
     return None
@@ -119,14 +126,15 @@ def _contact(echoes: list[Echo], band: Band) -> int | None:
     return first if even and level > CONTACT_LEVEL else None
 
 
-def _is_lobe(echo: Echo, others: list[Echo], band: Band) -> bool:
+def _is_lobe(echo: Echo, others: list[Echo], band: Band, cut: bool) -> bool:
     """Return whether an early weak echo is the end of the front's own pulse.
 
     A louder one is behind it, and nothing at twice its lag, which would speak for a plate: level
     and ratio of multiples tell how strongly that reflects, and there is no better mirror than
     ``MIRROR``.
     """
-    if not is_early_and_weak(echo.lag_us, echo.level, band):
+    over_front = echo.level / (CUT_SHORT if cut else 1.0)
+    if not is_early_and_weak(echo.lag_us, over_front, band):
         return False
     later = [o for o in others if o.level > 0.6 * echo.level and o.lag_us > echo.lag_us]
     lobes = [o.lag_us + echo.lag_us for o in later]
@@ -139,7 +147,7 @@ def _is_lobe(echo: Echo, others: list[Echo], band: Band) -> bool:
         for o in others
     )
     reach, most = LONE
-    alone = echo.lag_us < reach * band.length_us and echo.level < most
+    alone = echo.lag_us < reach * band.length_us and over_front < most
     return (bool(later) or alone) and not multiple
 
 

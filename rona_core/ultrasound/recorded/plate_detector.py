@@ -132,7 +132,7 @@ def _found(recorded: RecordedRf, prior_mhz: float | None, report: "_Steps") -> _
     report(0.3)
     front = find_recorded_fronts(z, clipped, recorded, band)
     report(0.5)
-    survey = align_fronts(z, front, recorded, band)
+    survey = align_fronts(z, front, recorded, clipped, band)
     track = find_back_wall(survey, pulse_delay_us(survey))
     report(0.7)
     back = None if track is None else time_back_wall(survey, track)
