@@ -7,7 +7,7 @@ from rona_core.geometry.arrays import Bools, Floats
 from rona_core.ultrasound.recorded.band import Band, analytic
 
 FLAT_RUN = 3  # samples
-MANY = 6  # samples of a line at its extremes
+CONVERTERS = (1, 2)  # that take samples in turn
 SPIKE = 10.0  # over the usual jump from sample to sample outside the band
 SPIKE_OUTSIDE = 0.5  # over what is inside the band
 SPIKE_CYCLES = 0.12  # on either side
@@ -20,14 +20,20 @@ TONES = 2
 
 
 def find_clipped(rf: Floats) -> Bools:
-    """Return which samples (n, samples) stand in runs at a limit of the converter, line by line.
+    """Return which samples (n, samples) stand in runs at the extremes of their line.
 
-    A wave that just fits reaches its extreme in one or two samples. It is for the report: cut off
-    lines are timed as others are.
+    A wave that just fits reaches its extreme in one or two samples; with fewer than about 8 samples
+    a cycle one that was cut off may, too. Converters that take turns have limits of their own.
     """
-    at_limit = (rf >= rf.max(axis=1)[:, None]) | (rf <= rf.min(axis=1)[:, None])
-    clipped = _in_runs(at_limit, FLAT_RUN)
-    return clipped | (at_limit & (at_limit.sum(axis=1) >= MANY)[:, None])
+    clipped = np.zeros(rf.shape, dtype=np.bool_)
+    for turns in CONVERTERS:
+        at_limit = np.zeros(rf.shape, dtype=np.bool_)
+        for k in range(turns):
+            part = rf[:, k::turns]
+            top, bottom = part.max(axis=1)[:, None], part.min(axis=1)[:, None]
+            at_limit[:, k::turns] = (part >= top) | (part <= bottom)
+        clipped |= _in_runs(at_limit, FLAT_RUN + turns - 1)
+    return clipped
 
 
 def _in_runs(mask: Bools, least: int) -> Bools:

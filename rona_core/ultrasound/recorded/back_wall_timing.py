@@ -26,6 +26,7 @@ GAINS = np.geomspace(1.0, 30.0, 18)  # of the front over the limit of the amplif
 CLIPPED_BETTER = 0.01  # correlation that a limit of the amplifier must bring
 SHAPES_ALIKE = 0.9  # below this correlation only the rise of front and back is compared
 RISEN = 0.5  # of the largest value, to which it is
+MOST_UNSURE = 0.3  # of the scans with an echo; if more are, all are
 STRAYS_LENGTHS, STRAYS_TIMES = 0.5, 4.0  # pulse lengths, robust deviations, off the usual lag
 LONGEST = 3.0, 5.0  # of the pulse, before and behind the point at which a front is timed
 MOST_GAIN = 5.0  # by which a loss is taken back
@@ -69,9 +70,7 @@ def time_back_wall(survey: RfSurvey, track: Track) -> BackEchoes:
     used = track.present & front.ok
     centers = np.rint(survey.zero + track.lag_us * rate).astype(np.int64)
     cycle = 1.0 / band.centre_mhz
-    aligned = align_echoes(
-        survey.lines, centers, used, rate, band, search_us=SEARCH_CYCLES * cycle
-    )
+    aligned = align_echoes(survey.lines, centers, used, rate, band, search_us=SEARCH_CYCLES * cycle)
     match = match_echoes(*_means(survey, aligned, used), rate, band)
     found = aligned.at_us - survey.zero / rate + match.delay_us
     noise = np.maximum(noise_rms(np.abs(survey.lines), survey.zero, band.length_us * rate), 1e-9)
@@ -87,6 +86,8 @@ def time_back_wall(survey: RfSurvey, track: Track) -> BackEchoes:
     scatter = mad_sigma(found[confident], center=usual) if confident.any() else 0.0
     strays = np.abs(found - usual) > max(STRAYS_LENGTHS * band.length_us, STRAYS_TIMES * scatter)
     confident &= ~strays
+    if (detected & ~confident).sum() > MOST_UNSURE * detected.sum():
+        confident[:] = False  # the mean is of more than one echo, or of different cycles
     # bandwidth times time is about 1; what a scan is unlike the mean counts as noise does
     unlike = np.sqrt(np.clip(1.0 - aligned.correlation**2, 0.0, 1.0))
     own = np.sqrt(1.0 / np.maximum(snr, 1.0) ** 2 + noise**2 + unlike**2)
@@ -125,7 +126,8 @@ def _means(survey: RfSurvey, aligned: Aligned, used: Bools) -> tuple[Complexes, 
     before = round(min(LONGEST[0] * length, 0.5 * room) * rate)
     after = round(min(LONGEST[1] * length, 0.6 * room) * rate)
     index = np.arange(-before, after + 1)
-    taper = np.minimum(1.0, 2.0 * (1.0 - np.abs(index) / np.where(index < 0, before, after).clip(1)))
+    ends = np.maximum(np.where(index < 0, before, after), 1)
+    taper = np.minimum(1.0, 2.0 * (1.0 - np.abs(index) / ends))
     whole = np.rint(aligned.at_us * rate).astype(np.int64)
     rows = np.flatnonzero(used)
     size = survey.lines.shape[1]
@@ -149,7 +151,7 @@ def match_echoes(front: Complexes, back: Complexes, rate: float, band: Band) -> 
     off: the phase is free throughout, so that no delay is a cycle off for it.
     """
     size = 8 * len(front)
-    f = np.fft.fftfreq(size, 1.0 / rate)
+    f: Floats = np.fft.fftfreq(size, 1.0 / rate).astype(np.float64)
     fronts, backs = np.fft.fft(front, size), np.fft.fft(back, size)
     reach = round(REACH_LENGTHS * band.length_us * rate)
     best = _compared(fronts * damping(LOSSES[:, None], f, band), backs[None], reach, 1.0)

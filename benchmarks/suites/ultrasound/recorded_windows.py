@@ -1,0 +1,175 @@
+"""Random parts of real plate records: the same answer as of the whole, or a flag.
+
+Each window has 15 to 60 lines; half of them get noise of 20 to 40 dB under the rms of the lines,
+half a gain of up to 6 dB for each line, a third each another unit of amplitude, positions in metres,
+and half the sampling rate. A line is wrong that is off by a quarter of a cycle and not flagged.
+"""
+
+import os
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.io import loadmat
+from scipy.signal import decimate
+
+from benchmarks.metric import Metric, Progress
+from rona_core.devices.files.rf.rf_data import RecordedRf, rf_from_arrays
+from rona_core.errors import RonaError
+from rona_core.geometry.arrays import Bools, Floats
+from rona_core.ultrasound.recorded.band import Band, analytic, near_one
+from rona_core.ultrasound.recorded.plate_detector import detect_recorded
+
+WINDOWS, SEED = 200, 70_000  # others than those the detection was adjusted with
+WRONG_SHARE, FLAGGED_SHARE = 0.005, 0.15
+CENTRE_MHZ = 2.25  # of both probes
+FRONT_SHARE = 0.25  # of the loudest moment: the front of the plain method
+STRAY_MM = 0.5  # off the median, at which the plain method flags
+
+
+@dataclass(frozen=True, slots=True)
+class Plate:
+    """A real record; the thickness is nominal, None where it is that of the whole record."""
+
+    file: str
+    speed_mm_per_us: float
+    thickness_mm: float | None
+
+
+PLATES = {
+    "acrylic": Plate("LineScan2D_PinsPlexiAluSDH.mat", 2.73, 31.0),
+    "copper": Plate("CopperBlock_2degtTilt.mat", 5.01, None),
+}
+
+
+def folder() -> Path:
+    """Return where the real records are: ``RONA_SHARED``, else beside the repository."""
+    beside = Path(__file__).resolve().parents[3].parent / "shared"
+    return Path(os.environ.get("RONA_SHARED", beside)) / "data" / "rf"
+
+
+def read(plate: Plate) -> RecordedRf:
+    """Return the whole of a real record."""
+    data = loadmat(folder() / plate.file)
+    rf = data["ptx"].T.astype(np.float64)
+    arrays = {
+        "rf": rf,
+        "fs": float(data["fs"].item()),
+        "t0": float(data["tDelay"].item()),
+        "positions": 1e3 * float(data["xStep"].item()) * np.arange(len(rf)),
+    }
+    return rf_from_arrays(arrays, plate.file)
+
+
+def window(record: RecordedRf, rng: np.random.Generator) -> RecordedRf:
+    """Return some lines of a record, changed as another recorder would."""
+    n = int(rng.integers(15, 61))
+    first = int(rng.integers(0, len(record) - n + 1))
+    rf, rate = record.rf[first : first + n].copy(), record.sampling_mhz
+    places = record.positions_mm
+    places = None if places is None else places[first : first + n]
+    if rng.random() < 0.5:
+        rf += rng.normal(0.0, rf.std() * 10.0 ** (-rng.uniform(20.0, 40.0) / 20.0), rf.shape)
+    if rng.random() < 0.5:
+        rf *= 10.0 ** (rng.uniform(-6.0, 6.0, (n, 1)) / 20.0)
+    if rng.random() < 1 / 3:
+        rf *= 10.0 ** rng.uniform(-6.0, 6.0)
+    if rng.random() < 1 / 3 and places is not None:
+        places = 1e-3 * places
+    if rng.random() < 1 / 3:
+        rf, rate = decimate(rf, 2, axis=1, ftype="fir"), rate / 2.0
+    return replace(record, rf=rf, sampling_mhz=rate, positions_mm=places)
+
+
+def detected(record: RecordedRf, speed: float) -> tuple[Floats, Bools, Floats]:
+    """Return thickness (n,), which are not flagged (n,), and sigma (n,) by the product."""
+    try:
+        found = detect_recorded(record, speed)
+    except RonaError:
+        nothing = np.zeros(len(record))
+        return nothing, nothing > 0, nothing
+    return found.thickness_mm, found.ok, found.sigma_mm
+
+
+def plain(record: RecordedRf, speed: float) -> tuple[Floats, Bools, Floats]:
+    """Return the same by plain correlation: each front against the rest of its own line.
+
+    The front is the first moment above a quarter of the loudest; the largest envelope of the
+    correlation behind it is the back wall; lines off the median are flagged. The band is given.
+    """
+    rate = record.sampling_mhz
+    z = analytic(near_one(record.rf), rate, Band(CENTRE_MHZ, 0.7 * CENTRE_MHZ))
+    envelope = np.abs(z)
+    front = np.argmax(envelope > FRONT_SHARE * envelope.max(axis=1)[:, None], axis=1)
+    before, after = round(0.7 * rate), round(1.5 * rate)
+    thickness = np.zeros(len(z))
+    for row, at in enumerate(front):
+        pulse = z[row, max(0, at - before) : at + after]
+        rest = z[row, at + 2 * after :]
+        if len(rest) > len(pulse):
+            like = np.abs(np.correlate(rest, pulse, "valid"))
+            lag = int(np.argmax(like)) + 2 * after + min(before, at)
+            thickness[row] = lag / rate * speed / 2.0
+    ok = np.abs(thickness - np.median(thickness)) < STRAY_MM
+    return thickness, ok, np.full(len(z), 0.5 / CENTRE_MHZ * speed / 2.0)
+
+
+def run_windows(progress: Progress) -> list[Metric]:
+    """Return wrong and flagged lines over all windows of the real records; none without them."""
+    if not folder().is_dir():
+        progress(f"no real records in {folder()}")
+        return []
+    metrics: list[Metric] = []
+    counts: dict[str, list[Floats]] = {"detect": [], "plain correlation": []}
+    for number, (name, plate) in enumerate(PLATES.items()):
+        progress(f"windows of {name}")
+        record, speed = read(plate), plate.speed_mm_per_us
+        whole, ok, _ = detected(record, speed)
+        truth = plate.thickness_mm or float(np.median(whole[ok]))
+        quarter = 0.25 / CENTRE_MHZ * speed / 2.0
+        for title, method in (("detect", detected), ("plain correlation", plain)):
+            of_windows = np.zeros((WINDOWS, 3))
+            means: list[float] = []
+            scaled: list[Floats] = []
+            for k in range(WINDOWS):
+                part = window(record, np.random.default_rng(SEED + 1000 * number + k))
+                thickness, ok, sigma = method(part, speed)
+                off = thickness - truth
+                of_windows[k] = (ok & (np.abs(off) > quarter)).sum(), (~ok).sum(), len(part)
+                if ok.any():
+                    means.append(float(np.median(thickness[ok])))
+                    scaled.append(np.abs(off[ok]) / sigma[ok])
+            counts[title].append(of_windows)
+            wrong, flagged, lines = of_windows.sum(axis=0)
+            metrics += [
+                Metric(f"wrong and unflagged, {name}, {title}", wrong / lines, "share", "lower"),
+                Metric(f"flagged, {name}, {title}", flagged / lines, "share", "lower"),
+                Metric(f"sd of windows, {name}, {title}", float(np.std(means)), "mm", "lower"),
+            ]
+            inside = float((np.concatenate(scaled) < 2.0).mean())
+            metrics.append(Metric(f"within 2 sigma, {name}, {title}", inside, "share", "higher"))
+    (wrong, flagged, lines), others = (
+        np.concatenate(counts[title]).sum(axis=0) for title in ("detect", "plain correlation")
+    )
+    peer = "plain"
+    return [
+        *metrics,
+        Metric(
+            "wrong and unflagged, all windows",
+            wrong / lines,
+            "share",
+            "lower",
+            WRONG_SHARE,
+            peer,
+            others[0] / others[2],
+        ),
+        Metric(
+            "flagged, all windows",
+            flagged / lines,
+            "share",
+            "lower",
+            FLAGGED_SHARE,
+            peer,
+            others[1] / others[2],
+        ),
+    ]
