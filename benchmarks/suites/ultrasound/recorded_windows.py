@@ -1,8 +1,9 @@
 """Random parts of real plate records: the same answer as of the whole, or a flag.
 
 Each window has 15 to 60 lines; half of them get noise of 20 to 40 dB under the rms of the lines,
-half a gain of up to 6 dB for each line, a third each another unit of amplitude, positions in metres,
-and half the sampling rate. A line is wrong that is off by a quarter of a cycle and not flagged.
+half a gain of up to 6 dB for each line, and a third each another unit of amplitude, positions in
+metres, and half the sampling rate. A line is wrong that is off by a quarter of a cycle and not
+flagged.
 """
 
 import os

@@ -74,13 +74,12 @@ def test_waves_that_just_fit_are_not_clipped_and_those_cut_off_are():
 
 @pytest.mark.sweep(2)
 @pytest.mark.parametrize(("back", "seed"), [(-0.6, 4), (-0.6, 5), (0.6, 3), (0.6, 4)])
-def test_a_back_wall_cut_off_as_much_as_the_front_turns_no_half_cycle(back, seed):
+def test_a_back_wall_cut_off_as_much_as_the_front_is_right_or_flagged(back, seed):
     made = record(varied(COARSE, full_scale=0.2, back=back, seed=seed))
     found = detect_recorded(made.file, COARSE.speed)
     off = (found.thickness_mm - made.thickness_mm)[found.ok]
     half_cycle_mm = 0.25 * COARSE.speed / COARSE.centre_mhz
-    assert abs(np.median(off)) < 0.5 * half_cycle_mm
-    assert abs(np.median(off)) < 2.0 * np.median(found.sigma_mm[found.ok])
+    assert (np.abs(off) < 0.5 * half_cycle_mm).all()
 
 
 def test_a_steep_wedge_over_a_floor_is_no_patchwork():
