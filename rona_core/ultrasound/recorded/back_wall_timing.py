@@ -23,7 +23,7 @@ OFF_CYCLES = 0.4  # between a scan's own envelope and its waveform against the m
 LOSSES = np.linspace(0.0, 3.0, 16)  # Np per MHz tried for the way through the plate
 REACH_LENGTHS = 1.0  # of the pulse, by which the mean echoes may be off each other
 GAINS = np.geomspace(1.0, 30.0, 18)  # of the front over the limit of the amplifier
-CLIPPED_BETTER = 0.01  # correlation that a limit of the amplifier must bring
+CLIPPED_BETTER = 0.01  # correlation that a limit of the amplifier must bring, or tells models apart
 SHAPES_ALIKE = 0.9  # below this correlation only the rise of front and back is compared
 RISEN = 0.5  # of the largest value, to which it is
 MOST_UNSURE = 0.3  # of the scans with an echo; if more are, all are
@@ -57,6 +57,7 @@ class Match:
     turn_rad: float  # of its phase
     correlation: float
     gain: float  # of the front over the limit that cut it off; 1 where nothing did
+    model_us: float = 0.0  # deviation of the delay over losses and gains that fit nearly as well
 
 
 def time_back_wall(survey: RfSurvey, track: Track) -> BackEchoes:
@@ -107,7 +108,8 @@ def time_back_wall(survey: RfSurvey, track: Track) -> BackEchoes:
 def shared_sigma_us(match: Match, band: Band) -> float:
     """Return the uncertainty (1 SD) of the delay between the mean echoes, which all scans share.
 
-    Envelopes that are unlike (correlation r) leave sqrt(1 - r^2) over their bandwidth. Where the
+    Envelopes that are unlike (correlation r) leave sqrt(1 - r^2) over their bandwidth, and losses
+    that fit nearly as well move the delay. Where the
     phase of the back echo is that of the front, upright or inverted, it says the same as the
     envelope; what it is off, up to a quarter cycle, may be delay. Where the front was cut off, or
     only the rises are compared, the delay may be off by a half cycle either way.
@@ -116,7 +118,7 @@ def shared_sigma_us(match: Match, band: Band) -> float:
     off = abs((match.turn_rad + 0.5 * np.pi) % np.pi - 0.5 * np.pi) / (2.0 * np.pi)
     unlike = match.gain > 1.0 or match.correlation < SHAPES_ALIKE
     cycles = np.hypot(off, 0.5 if unlike else 0.0) / np.sqrt(3.0)  # of even probability
-    return float(np.hypot(shape, cycles / band.centre_mhz))
+    return float(np.sqrt(shape**2 + match.model_us**2 + (cycles / band.centre_mhz) ** 2))
 
 
 def _means(survey: RfSurvey, aligned: Aligned, used: Bools) -> tuple[Complexes, Complexes]:
@@ -154,23 +156,28 @@ def match_echoes(front: Complexes, back: Complexes, rate: float, band: Band) -> 
     f: Floats = np.fft.fftfreq(size, 1.0 / rate).astype(np.float64)
     fronts, backs = np.fft.fft(front, size), np.fft.fft(back, size)
     reach = round(REACH_LENGTHS * band.length_us * rate)
-    best = _compared(fronts * damping(LOSSES[:, None], f, band), backs[None], reach, 1.0)
     passed = np.where(f > 0, 2.0 * band.response(np.abs(f)), 0.0)
+    models: list[Match] = []
+    for loss in LOSSES:
+        damped = fronts * damping(float(loss), f, band)
+        models.append(_compared(damped[None], backs[None], reach, GAINS[:1]))
     for loss in LOSSES[::3]:
         undamped = damping(-float(loss), f, band)
         undamped = undamped * np.minimum(1.0, MOST_GAIN / np.maximum(np.abs(undamped), 1e-12))
         wave = np.fft.ifft(backs * undamped).real
-        wave = wave / np.abs(wave).max()
-        cut = np.clip(GAINS[1:, None] * wave, -1.0, 1.0)
+        cut = np.clip(GAINS[1:, None] * wave / np.abs(wave).max(), -1.0, 1.0)
         cuts = np.fft.fft(cut, axis=1) * passed
-        other = _compared(fronts[None], cuts, reach, GAINS[1:])
-        if other.correlation > best.correlation + (CLIPPED_BETTER if best.gain == 1.0 else 0.0):
-            best = other
-    best = replace(best, delay_us=best.delay_us / rate)
-    if best.correlation > SHAPES_ALIKE:
-        return best
-    apart = _rise(np.abs(back)) - _rise(np.abs(front))
-    return replace(best, delay_us=apart / rate)
+        models.append(_compared(fronts[None], cuts, reach, GAINS[1:]))
+    worth = [m.correlation - (CLIPPED_BETTER if m.gain > 1.0 else 0.0) for m in models]
+    best = models[int(np.argmax(worth))]
+    # models that fit nearly as well say how far the delay is known
+    weight = np.exp((np.array(worth) - max(worth)) / CLIPPED_BETTER)
+    apart = np.array([m.delay_us - best.delay_us for m in models])
+    model_us = float(np.sqrt((weight * apart**2).sum() / weight.sum())) / rate
+    delay_us = best.delay_us / rate
+    if best.correlation < SHAPES_ALIKE:
+        delay_us = (_rise(np.abs(back)) - _rise(np.abs(front))) / rate
+    return replace(best, delay_us=delay_us, model_us=model_us)
 
 
 def _rise(envelope: Floats) -> float:
@@ -181,7 +188,7 @@ def _rise(envelope: Floats) -> float:
     return at - (high - level) / max(high - low, 1e-12)
 
 
-def _compared(fronts: Complexes, backs: Complexes, reach: int, gains: Floats | float) -> Match:
+def _compared(fronts: Complexes, backs: Complexes, reach: int, gains: Floats) -> Match:
     """Return the best match of spectra (m, f) of fronts and backs, its delay in samples."""
     cross = np.roll(np.fft.ifft(backs * np.conj(fronts), axis=1), reach + 1, axis=1)
     cross = cross[:, : 2 * reach + 3]
@@ -192,8 +199,7 @@ def _compared(fronts: Complexes, backs: Complexes, reach: int, gains: Floats | f
     bend = left - 2.0 * mid + right
     step = float(np.clip(0.5 * (left - right) / bend, -0.5, 0.5)) if bend < 0 else 0.0
     turn = float(np.angle(cross[row, at + 1]))
-    gain = float(np.broadcast_to(gains, len(value))[row])
-    return Match(int(at) - reach + step, turn, mid, gain)
+    return Match(int(at) - reach + step, turn, mid, float(gains[row]))
 
 
 def damping(loss_np_per_mhz: Floats | float, f: Floats, band: Band) -> Complexes:
