@@ -51,8 +51,8 @@ class RecordedDetection:
     thickness_mm: Floats  # 0 where not ok
     ok: Bools
     flag: Ints  # 0 ok, 1 no front, 2 no back wall, 3 unsure, 4 the record begins or ends in an echo
-    sigma_mm: Floats  # predicted from the noise; 0 where not ok
-    clipped: Bools  # lines with samples at a limit of the converter
+    sigma_mm: Floats  # predicted, what all lines share included; 0 where not ok
+    clipped: Bools  # lines with runs of samples at a limit of the converter
     centre_mhz: float
     width_mhz: float  # at -6 dB
     back_level: float  # over the front, typical
