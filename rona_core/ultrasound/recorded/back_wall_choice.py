@@ -281,7 +281,10 @@ def _picked(survey: RfSurvey, echo: Echo) -> Track:
     middle = zero + round(echo.lag_us * rate)
     lag, near = _loudest(envelope, middle, SPREAD_LENGTHS * length, zero + round(length))
     wide, far = _loudest(envelope, middle, FAR_LENGTHS * length, zero + round(length))
-    close = near > NEAR_SHARE * echo.level
+    # at the edge of what is near it is the flank of something farther
+    close = (near > NEAR_SHARE * echo.level) & (
+        np.abs(lag - middle) < round(SPREAD_LENGTHS * length)
+    )
     lag = np.where(close, lag, wide)
     present = survey.front.ok & (close | (far > FAR_SHARE * echo.level))
     lag_us = np.where(present, (lag - zero) / rate, echo.lag_us)

@@ -109,10 +109,9 @@ def shared_sigma_us(match: Match, band: Band) -> float:
     """Return the uncertainty (1 SD) of the delay between the mean echoes, which all scans share.
 
     Envelopes that are unlike (correlation r) leave sqrt(1 - r^2) over their bandwidth, and losses
-    that fit nearly as well move the delay. Where the
-    phase of the back echo is that of the front, upright or inverted, it says the same as the
-    envelope; what it is off, up to a quarter cycle, may be delay. Where the front was cut off, or
-    only the rises are compared, the delay may be off by a half cycle either way.
+    that fit nearly as well move the delay. A phase that is neither that of the front nor inverted
+    may be delay, up to a quarter cycle. Where the front was cut off, or only the rises are
+    compared, the delay may be off by a half cycle either way.
     """
     shape = np.sqrt(max(0.0, 1.0 - match.correlation**2)) / (2.0 * np.pi * band.width_mhz)
     off = abs((match.turn_rad + 0.5 * np.pi) % np.pi - 0.5 * np.pi) / (2.0 * np.pi)

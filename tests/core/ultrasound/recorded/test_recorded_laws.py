@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from scipy.signal import decimate
 
-from benchmarks.suites.ultrasound.recorded_windows import PLATES, folder, read, window
 from rona_core.ultrasound.recorded.plate_detector import detect_recorded
+from tests.scenes.real_plates import CENTRE_MHZ, PLATES, folder, read, window
 from tests.scenes.tank_recordings import Case, record, varied
 
 PLATE = Case(scans=60, thickness_mm=12.0, floor_gap_mm=12.0, length_us=70.0, snr_db=45.0)
@@ -123,4 +123,4 @@ def test_windows_of_a_real_record_give_the_same_or_a_flag(name, seed):
     found = detect_recorded(window(whole, np.random.default_rng(seed)), plate.speed_mm_per_us)
     off = found.thickness_mm[found.ok] - np.median(usual.thickness_mm[usual.ok])
     assert found.ok.mean() > 0.5
-    assert (np.abs(off) < 0.25 / 2.25 * plate.speed_mm_per_us / 2.0).all()
+    assert (np.abs(off) < 0.25 / CENTRE_MHZ * plate.speed_mm_per_us / 2.0).all()
