@@ -18,7 +18,7 @@ from rona_core.ultrasound.recorded.band import Band, noise_rms
 
 USUAL = 0.35  # share of the scans that may have less of an echo
 SPREAD_LENGTHS = 0.7  # of the pulse, by which a back wall may be off its usual lag in a scan
-FAR_LENGTHS = 4.0  # the same, for a scan that has nothing within the above
+FAR_LENGTHS = 2.0  # the same, for a scan that has nothing within the above
 NEAR_SHARE, FAR_SHARE = 0.3, 0.6  # of the usual level, at least
 LEAST_SNR = 4.0
 RISE = 2.0  # of an echo, over the quietest moment between the front and it
@@ -28,7 +28,7 @@ LESS = 0.8  # of its share of scans
 MOST_ECHOES = 24
 LOBES = ((2.6, 0.22), (4.5, 0.13), (9.0, 0.05))  # reach in pulse lengths, level over the front
 LONE = 6.0, 0.08  # reach in pulse lengths, level of a lobe behind which nothing louder comes
-CUT_SHORT = 2.5  # as much at least a front is higher that was cut off
+CUT_SHORT = 6.0  # times as high a front may be that was cut off
 TWICE = 0.35  # of the pulse length: how well a multiple fits
 MIRROR = 30.0  # R / (1 - R^2) of steel in water is 8, and the field spreads
 MOVES_US = 0.05  # of the front; less does not show what moves with it
