@@ -12,6 +12,7 @@ from rona_core.ultrasound.recorded.front_wall import FrontEchoes
 BEFORE_LENGTHS, MOST_BEFORE_LENGTHS = 3.0, 8.0  # of the pulse, kept in front of the front wall
 PULSE_CONTINUES = 0.35  # of the mean front's peak: above it the pulse goes on
 LONGEST_LENGTHS = 5.0  # of 1 / bandwidth; more is a swept emission, not compressed
+FLAT_TOP, FLAT_LENGTHS = 0.7, 1.3  # share of the peak, pulse lengths above it
 ONSET = 0.04  # of the peak, at which a pulse begins
 
 
@@ -24,7 +25,7 @@ class RfSurvey:
     front: FrontEchoes
     lines: Complexes  # (n, samples) analytic, every front at sample ``zero`` with height 1
     zero: int
-    cut: bool  # most fronts stand at a limit of the converter
+    cut: bool  # most fronts stand at a limit of the converter, or are as flat as if they did
 
     @property
     def sampling_mhz(self) -> float:
@@ -71,18 +72,26 @@ def align_fronts(
     lines = lines / np.maximum(peak * level, 1e-12)[:, None]
     near = np.abs(np.arange(size) - front_sample[:, None]) < 2.0 * length
     cut = bool(2 * (front.ok & (clipped & near).any(axis=1)).sum() > front.ok.sum())
+    if not cut and front.ok.any():  # noise may hide the limit, not that the pulse has a flat top
+        cut = _extent(lines[front.ok].mean(axis=0), zero, length, FLAT_TOP) > FLAT_LENGTHS
     return RfSurvey(recorded, band, front, lines, zero, cut)
 
 
 def is_swept(survey: RfSurvey) -> bool:
     """Return whether the mean front goes on for far longer than its bandwidth would have it."""
-    envelope = np.abs(survey.lines[survey.front.ok].mean(axis=0))
+    mean = survey.lines[survey.front.ok].mean(axis=0)
     length = survey.band.length_us * survey.sampling_mhz
-    faint = envelope < PULSE_CONTINUES * envelope[: survey.zero + round(length)].max()
-    before, behind = faint[: survey.zero][::-1], faint[survey.zero :]
-    first = np.argmax(before) if before.any() else survey.zero
-    last = np.argmax(behind) if behind.any() else len(behind)
-    return bool(first + last > LONGEST_LENGTHS * length)
+    return _extent(mean, survey.zero, length, PULSE_CONTINUES) > LONGEST_LENGTHS
+
+
+def _extent(mean: Complexes, zero: int, length: float, share: float) -> float:
+    """Return for how many pulse lengths the front at ``zero`` is above a share of its peak."""
+    envelope = np.abs(mean)
+    faint = envelope < share * envelope[: zero + round(length)].max()
+    before, behind = faint[:zero][::-1], faint[zero:]
+    first = int(np.argmax(before)) if before.any() else zero
+    last = int(np.argmax(behind)) if behind.any() else len(behind)
+    return (first + last) / length
 
 
 def pulse_delay_us(survey: RfSurvey) -> float:

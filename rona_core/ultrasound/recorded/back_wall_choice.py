@@ -22,7 +22,7 @@ FAR_LENGTHS = 2.0  # the same, for a scan that has nothing within the above
 NEAR_SHARE, FAR_SHARE = 0.3, 0.6  # of the usual level, at least
 LEAST_SNR = 4.0
 RISE = 2.0  # of an echo, over the quietest moment between the front and it
-LEAST_SHARE = 0.35  # of the loudest echo of the plate and what is behind it
+LEAST_SHARE, CUT_SHARE = 0.22, 0.35  # of the loudest echo; the second where fronts were cut off
 MORE, STILL = 1.5, 0.05  # times as much, and pulse lengths: holes wander more than walls do
 LESS = 0.8  # of its share of scans
 MOST_ECHOES = 24
@@ -92,7 +92,7 @@ def choose_back_wall(echoes: list[Echo], band: Band, *, cut: bool = False) -> in
         loud = [
             k
             for k in own
-            if echoes[k].level >= LEAST_SHARE * loudest.level
+            if echoes[k].level >= (CUT_SHARE if cut else LEAST_SHARE) * loudest.level
             and echoes[k].wander_us <= MORE * loudest.wander_us + STILL * band.length_us
             and echoes[k].share >= LESS * loudest.share
         ]
