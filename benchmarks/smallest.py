@@ -148,6 +148,7 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
             name: CASES[name] for name in ("plate over a floor",)
         },
         "suites.ultrasound.recorded_rf.LABORATORY_SEEDS": (500,),
+        "suites.ultrasound.recorded_windows.WINDOWS": 2,
         "suites.ultrasound.recorded_rf.FAMILIES": dict(list(FAMILIES.items())[:1]),
     },
     "sound_speed": {**ONCE, "suites.ultrasound.sound_speed.PATIENTS": 5},

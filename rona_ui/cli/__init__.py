@@ -260,7 +260,9 @@ def _add_calibrate(verbs: Any) -> None:
 def _add_detect(verbs: Any) -> None:
     text = "measure the thickness of a plate or bone in recorded ultrasound lines"
     more = (
-        "Pulse, stand-off and alignment are learned from the lines. Exit status: 0 done, "
+        "Pulse, stand-off and alignment are learned from the lines. Envelopes are timed, no "
+        "cycle is counted; the predicted deviation says what that leaves open, up to half a "
+        "cycle where echoes were cut off. Swept emissions are flagged. Exit status: 0 done, "
         "2 bad input, 3 no line shows a back wall."
     )
     verb = _verb(verbs, "detect", text, more)

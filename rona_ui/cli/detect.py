@@ -20,7 +20,7 @@ REASONS = (
     "ok",
     "no front echo",
     "no back wall",
-    "unsure",
+    "unsure: unlike the others, or at another lag",
     "echo cut off by begin or end of the record: record longer",
 )
 
@@ -59,7 +59,7 @@ def _print(report: RfReport) -> None:
     predicted = float(np.median(found.sigma_mm[found.ok])) if found.ok.any() else None
     table.add_row("Mean thickness", _number(summary.mean_mm), "mm")
     table.add_row(f"Robust deviation {about}", _number(summary.robust_sd_mm, 4), "mm")
-    table.add_row("Predicted from the noise alone", _number(predicted, 4), "mm")
+    table.add_row("Predicted standard deviation", _number(predicted, 4), "mm")
     table.add_row("Failures", f"{100 * summary.failure_fraction:.1f}", "%")
     table.add_row("Flagged", f"{100 * summary.flagged_fraction:.1f}", "%")
     for code, reason in enumerate(REASONS[1:], 1):

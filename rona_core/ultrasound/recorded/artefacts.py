@@ -1,31 +1,17 @@
-"""Artefacts of a recorder: clipped samples and spikes restored, interference subtracted.
-
-A lost sample follows from those around it, for the band allows but one course.
-"""
-
-from collections.abc import Iterator
+"""Artefacts of a recorder: clipped samples known, spikes replaced, interference subtracted."""
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve, toeplitz
 from scipy.ndimage import maximum_filter1d
 
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.ultrasound.recorded.band import Band, analytic
 
-RAIL = 0.985  # of the extreme value, from which on a flat run counts as clipped
 FLAT_RUN = 3  # samples
 CONVERTERS = (1, 2)  # that take samples in turn
-PILED = 24  # samples at one value,
-PILE = 8.0  # times as many as next to it: a limit,
-UNLIKE = 0.2  # of it, by which what is beside them differs
-MAX_LOST = 400  # clipped samples put right at once
 SPIKE = 10.0  # over the usual jump from sample to sample outside the band
 SPIKE_OUTSIDE = 0.5  # over what is inside the band
 SPIKE_CYCLES = 0.12  # on either side
 MOST_SPIKES = 0.1  # of a line; with more of them it is not spikes
-BESIDE = 4  # samples next to a gap that are all taken
-MOST_KNOWN = 200  # others
-NOISE_SHARE = 1e-4  # of the power, so that the restoration stays finite
 ECHO_LEVEL = 3.0  # over the usual envelope: an echo, no tone
 LEAST_QUIET = 0.3  # of the samples, without echo
 TONE_SHARE = 0.3  # of the power between echoes that a tone must have
@@ -34,46 +20,20 @@ TONES = 2
 
 
 def find_clipped(rf: Floats) -> Bools:
-    """Return which samples (n, samples) stand at a limit of the converter.
+    """Return which samples (n, samples) stand in runs at the extremes of their line.
 
-    Either they come in runs at an extreme value, or, with few samples a cycle, many single ones
-    share it and hardly any come near. Two converters that take turns have limits of their own.
+    A wave that just fits reaches its extreme in one or two samples; with fewer than about 8 samples
+    a cycle one that was cut off may, too. Converters that take turns have limits of their own.
     """
     clipped = np.zeros(rf.shape, dtype=np.bool_)
-    middle = float(np.median(rf))
-    for sign in (1.0, -1.0):
-        value = sign * (rf - middle)
-        for turns in CONVERTERS:
-            tops = np.array([value[:, k::turns].max() for k in range(turns)])
-            if (tops <= 0).any():
-                continue
-            top = tops[np.arange(rf.shape[1]) % turns]
-            at, near = value >= top - 1e-9 * np.abs(top), value >= RAIL * top
-            # a wave that just fits reaches its extreme in one or two samples
-            runs = _in_runs(at, FLAT_RUN)
-            if runs.sum() >= 2 * FLAT_RUN or (len(rf) == 1 and runs.any()):
-                clipped |= _in_runs(near, 2) & near
-            if _is_limit(value, at, near):
-                clipped |= at | (_in_runs(near, 2) & near)
+    for turns in CONVERTERS:
+        at_limit = np.zeros(rf.shape, dtype=np.bool_)
+        for k in range(turns):
+            part = rf[:, k::turns]
+            top, bottom = part.max(axis=1)[:, None], part.min(axis=1)[:, None]
+            at_limit[:, k::turns] = (part >= top) | (part <= bottom)
+        clipped |= _in_runs(at_limit, FLAT_RUN + turns - 1)
     return clipped
-
-
-def _is_limit(value: Floats, at: Bools, near: Bools) -> bool:
-    """Return whether samples (n, samples) ``at`` one extreme value were cut off there.
-
-    A wave whose samples fall anywhere in its cycle has at most 1 / (sqrt(2) - 1) = 2.4 times as
-    many at its highest step as one step below. If its samples always fall at the same places, it
-    is the same beside them too.
-    """
-    if at.sum() < PILED or at.all():
-        return False
-    below = np.count_nonzero((near | (value >= value[~at].max())) & ~at)
-    if at.sum() < PILE * below:
-        return False
-    rows, samples = np.nonzero(at)
-    beside = np.stack([value[rows, np.clip(samples + k, 0, at.shape[1] - 1)] for k in (-1, 1)])
-    wide = np.ptp(np.quantile(beside, (0.1, 0.9), axis=1), axis=0)
-    return bool(wide.max() > UNLIKE * value[at].max())
 
 
 def _in_runs(mask: Bools, least: int) -> Bools:
@@ -86,28 +46,6 @@ def _in_runs(mask: Bools, least: int) -> Bools:
     np.add.at(kept, (rows[long], first[long]), 1)
     np.add.at(kept, (rows[long], last[long]), -1)
     return np.cumsum(kept, axis=1)[:, :-1] > 0
-
-
-def restore_clipped(rf: Floats, clipped: Bools, sampling_mhz: float, band: Band) -> Floats:
-    """Return the lines with what was cut off put back: what the band allows between the flanks.
-
-    The signal counts as Gaussian with the power of the band. Cut samples are conditioned on all
-    others near them and on being beyond the limit (a few of them at a time are pushed there).
-    """
-    restored = rf.copy()
-    if not clipped.any():
-        return restored
-    correlation = _correlation(band, sampling_mhz, rf.shape[1])
-    reach = max(8, round(2.5 * band.length_us * sampling_mhz))
-    middle = np.median(rf, axis=1)
-    for row, first, last in _clusters(clipped, reach):
-        part = slice(max(0, first - reach), min(rf.shape[1], last + reach))
-        values = rf[row, part] - middle[row]
-        lost = clipped[row, part]
-        if lost.sum() > MAX_LOST or lost.all():
-            continue
-        restored[row, part] = middle[row] + _restored(values, lost, correlation)
-    return restored
 
 
 def find_spikes(rf: Floats, clipped: Bools, sampling_mhz: float, band: Band) -> Bools:
@@ -134,58 +72,14 @@ def find_spikes(rf: Floats, clipped: Bools, sampling_mhz: float, band: Band) -> 
     return wide & ~many[:, None]
 
 
-def remove_spikes(rf: Floats, spikes: Bools, sampling_mhz: float, band: Band) -> Floats:
-    """Return the lines with disturbed samples put right from their neighbours and the band."""
+def remove_spikes(rf: Floats, spikes: Bools) -> Floats:
+    """Return the lines with disturbed samples put on straight lines between their neighbours."""
     restored = rf.copy()
-    if not spikes.any():
-        return restored
-    correlation = _correlation(band, sampling_mhz, rf.shape[1])
-    reach = max(8, round(1.5 * band.length_us * sampling_mhz))
-    for row, first, last in _clusters(spikes, reach):
-        part = slice(max(0, first - reach), min(rf.shape[1], last + reach))
-        lost = spikes[row, part]
-        if lost.sum() > MAX_LOST or lost.all():
-            continue
-        middle = float(np.median(rf[row, part][~lost]))
-        values = np.where(lost, 0.0, rf[row, part] - middle)
-        restored[row, part] = middle + _restored(values, lost, correlation)
+    index = np.arange(rf.shape[1])
+    for row in np.flatnonzero(spikes.any(axis=1) & ~spikes.all(axis=1)):
+        lost = spikes[row]
+        restored[row, lost] = np.interp(index[lost], index[~lost], rf[row, ~lost])
     return restored
-
-
-def _correlation(band: Band, sampling_mhz: float, size: int) -> Floats:
-    padded = 2 * size
-    f: Floats = np.fft.rfftfreq(padded, 1.0 / sampling_mhz).astype(np.float64)
-    correlation = np.fft.irfft(band.bell(f, 1.15), padded)[:size]
-    return correlation / correlation[0] + 1.0  # and an offset: what is slow stays as it is
-
-
-def _clusters(clipped: Bools, reach: int) -> Iterator[tuple[int, int, int]]:
-    for row in np.flatnonzero(clipped.any(axis=1)):
-        at = np.flatnonzero(clipped[row])
-        for group in np.split(at, np.flatnonzero(np.diff(at) > reach) + 1):
-            yield int(row), int(group[0]), int(group[-1]) + 1
-
-
-def _restored(values: Floats, lost: Bools, correlation: Floats) -> Floats:
-    limit = np.abs(values)
-    sign = np.sign(values)
-    # of what is known far from any gap, a sample now and then says as much as all of them
-    kept = maximum_filter1d(lost.astype(np.int8), 2 * BESIDE + 1) > 0
-    kept[:: max(1, len(values) // MOST_KNOWN)] = True
-    target, known = values.copy(), ~lost
-    for _ in range(6):
-        index = np.flatnonzero(known & kept)
-        covariance = toeplitz(correlation[: len(values)])
-        inner = covariance[np.ix_(index, index)] + NOISE_SHARE * np.eye(len(index))
-        weights = cho_solve(cho_factor(inner, check_finite=False), target[index])
-        guess = covariance[:, index] @ weights
-        target = np.where(known, target, guess)
-        below = lost & ~known & (sign * target < limit)
-        if not below.any():
-            break
-        target = np.where(below, sign * limit, target)  # at least as far out as the limit
-        known = known | below
-    return target
 
 
 def remove_narrow_band_interference(

@@ -1,237 +1,64 @@
 """Choice of the back wall of the first plate among the echoes behind the front.
 
-Behind a plate lie its own multiples, a floor or a second plate, and the front seen again by way
-of the probe; in front of its back wall lie the last lobes of the pulse and, in bone, layers.
+Behind a plate lie its own multiples, a floor or a second plate, and the front seen again by way of
+the probe; in front of its back wall lie the last lobes of the pulse, holes and, in bone, layers.
+An echo counts by the level that most scans reach at its lag, whatever their order and places: the
+echo of a hole is loud in a few scans, that of a wall in most.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
+from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-from rona_core.geometry.arrays import Floats, Ints
-from rona_core.ultrasound.recorded.aligned_lines import RfSurvey, fronts_are_cut, least_lag_us
-from rona_core.ultrasound.recorded.band import Band, Complexes, filtered, inverse_filter
-from rona_core.ultrasound.recorded.echo_tracks import (
-    Peaks,
-    Track,
-    find_peaks,
-    follow,
-    largest_piece,
-    mended,
-    neighbour_tree,
-    neighbours,
-    predicted,
-)
-from rona_core.ultrasound.recorded.probe_reverberations import (
-    FrontArrivals,
-    is_reverberation,
-    repeats_standoff,
-    robust_sd,
-)
+from rona_core.geometry.arrays import Bools, Floats, Ints
+from rona_core.geometry.robust import mad_sigma, reweighted_least_squares
+from rona_core.ultrasound.recorded.aligned_lines import RfSurvey, is_swept
+from rona_core.ultrasound.recorded.band import Band, noise_rms
 
-LEAST_SHARE = 0.2  # of the loudest echo of the plate and what is behind it
-CONTACT_LEVEL = 0.2  # of the second round trip in a plate, over the first
-LOBE_REACH = 4.5  # of the pulse, over its length
-NEAR_REACH = 2.6
-LOBE_LEVEL = 0.22  # over the front; lobes of real pulses are below, later ones more so
-LATE_LOBE_LEVEL = 0.13
-GHOST_REACH = 9.0  # echoes from within the probe come later, and are fainter still
-GHOST_LEVEL = 0.05
-SMEARED = 2.0, 0.02  # within so many pulse lengths nothing so faint over the front is an echo
-CUT_SHORT = 2.5
+USUAL = 0.35  # share of the scans that may have less of an echo
+SPREAD_LENGTHS = 0.7  # of the pulse, by which a back wall may be off its usual lag in a scan
+FAR_LENGTHS = 2.0  # the same, for a scan that has nothing within the above
+NEAR_SHARE, FAR_SHARE = 0.3, 0.6  # of the usual level, at least
+LEAST_SNR = 4.0
+RISE = 2.0  # of an echo, over the quietest moment between the front and it
+LEAST_SHARE, CUT_SHARE = 0.22, 0.35  # of the loudest echo; the second where fronts were cut off
+MORE, STILL = 1.5, 0.05  # times as much, and pulse lengths: holes wander more than walls do
+LESS = 0.8  # of its share of scans
+MOST_ECHOES = 24
+LOBES = ((2.6, 0.22), (4.5, 0.13), (9.0, 0.05))  # reach in pulse lengths, level over the front
+LONE = 6.0, 0.08  # reach in pulse lengths, level of a lobe behind which nothing louder comes
+CUT_SHORT = 6.0  # times as high a front may be that was cut off
+TWICE = 0.35  # of the pulse length: how well a multiple fits
 MIRROR = 30.0  # R / (1 - R^2) of steel in water is 8, and the field spreads
-LONE_LEVEL = 1.0  # of the front's second arrival, over an echo that nothing else speaks for
+MOVES_US = 0.05  # of the front; less does not show what moves with it
+MOVED_BETTER = 1.25  # level of an echo aligned as one of the probe, over that as one of the plate
+AT_FRONT_US = 0.25  # how near a multiple between front and probe is to its time
+PULSE_DELAY = 1.5  # from the emission to the middle of the pulse, over its length
+CONTACT_LEVEL = 0.2  # of the second round trip in a plate, over the first
 FAINT = 0.05
-FEW = 12  # scans, among which neighbours may be far apart
-LOUD_SHARE = 0.5
-PATCHED = 0.5  # share of a whole echo's scans that are in one piece
-STEADY = 0.6  # share of scans that agree with their neighbours
-AGREES = 0.25  # of the pulse length
-WANDERS = 0.2  # cycles that a lobe may seem to move
-TWICE = 0.25  # of the pulse length: how well a multiple fits
+LEAST_US = 1e-4
 
 
-def choose_back_wall(
-    tracks: list[Track], foreign: list[bool], again: list[bool], fronts: FrontArrivals, near: Ints
-) -> int | None:
-    """Return which track is the back wall: the first that is loud enough and explained by nothing.
+@dataclass(frozen=True, slots=True)
+class Echo:
+    """What most scans have behind the front at about one lag."""
 
-    Args:
-        tracks: Echoes behind the front.
-        foreign: Which of them have nothing to do with the plate.
-        again: Which of them are as late after the front as this is after the emission.
-        fronts: In front of them.
-        near: Neighbours (n, k) of each scan.
-    """
-    band = fronts.band
-    others = [t for t, no in zip(tracks, foreign, strict=True) if no]
-    candidates: list[int] = [
-        k
-        for k, no in enumerate(foreign)
-        if not no and not any(_is_lobe_of(tracks[k], t, band) for t in others)
-    ]
-    first = _contact(tracks, again, fronts)
-    if first is not None:
-        return first
-    if not candidates:
-        return None
-    judged = [steadiness(t, near, fronts.positions_mm, band) for t in tracks]
-    full = max(float(tracks[k].present.sum()) for k in candidates)
-    candidates = [k for k in candidates if tracks[k].present.sum() >= 0.5 * full]
-    loudest = max(tracks[k].typical_level for k in candidates)
-    # what is nearly as loud as anything is an echo, however it jumps from scan to scan
-    candidates = [
-        k
-        for k in candidates
-        if judged[k][0] >= STEADY
-        or len(near) < FEW
-        or tracks[k].typical_level >= LOUD_SHARE * loudest
-    ]
-    candidates = _without_patchwork(tracks, candidates, near, band)
-    while candidates:
-        loudest = max(tracks[k].typical_level for k in candidates)
-        loud = [k for k in candidates if tracks[k].typical_level >= LEAST_SHARE * loudest]
-        loud.sort(key=lambda k: tracks[k].typical_us)
-        for k in loud:
-            rest = [tracks[j] for j in candidates if j != k]
-            wanders = judged[k][1]
-            lobe = not wanders and _is_lobe(tracks[k], rest, fronts)
-            if not lobe and (wanders or not _is_alone(tracks[k], tracks, others, fronts)):
-                return k
-        # all of them belong to the pulse: the plate is among what is fainter
-        candidates = [k for k in candidates if k not in loud]
-    return None
+    lag_us: float
+    level: float  # over the front
+    foreign: bool = False  # has nothing to do with the plate
+    again: bool = False  # as late after the front as this is after the emission
+    wander_us: float = 0.0  # robust deviation of the lag from scan to scan
+    share: float = 1.0  # of the scans that have a peak near the lag
 
 
-def _without_patchwork(
-    tracks: list[Track], candidates: list[int], near: Ints, band: Band
-) -> list[int]:
-    """Return the echoes that are in one piece, or than which no such one is louder.
+@dataclass(frozen=True, slots=True, eq=False)
+class Track:
+    """The echo of the back wall through all scans."""
 
-    A track pieced together from holes that lie one beside the other is no back wall.
-    """
-    if len(near) < FEW:
-        return candidates
-    step_us = band.length_us
-    share = {
-        k: largest_piece(tracks[k], near, step_us).sum() / tracks[k].present.sum()
-        for k in candidates
-    }
-    even = max((tracks[k].typical_level for k in candidates if share[k] >= PATCHED), default=0.0)
-    return [k for k in candidates if share[k] >= PATCHED or tracks[k].typical_level > even]
-
-
-def _contact(tracks: list[Track], again: list[bool], fronts: FrontArrivals) -> int | None:
-    """Return the echo that is the second round trip in a plate under the probe itself.
-
-    Then nothing lies between emission and back wall: what was taken for the front is the back
-    wall, and whatever follows comes at multiples of its time. Behind water the second arrival
-    from the front is fainter.
-    """
-    near, band = [k for k, late in enumerate(again) if late], fronts.band
-    if not near:
-        return None
-    first = max(near, key=lambda k: tracks[k].typical_level)
-    lag, level = tracks[first].typical_us, tracks[first].typical_level
-    order = [
-        t.typical_us / lag
-        for t in tracks
-        if t.typical_level > FAINT * level
-        and not is_early_and_weak(t, band)
-        and not any(_is_lobe_of(t, tracks[k], band) for k in near)
-    ]
-    even = all(abs(k - round(k)) * lag < TWICE * band.length_us * max(round(k), 1) for k in order)
-    if even and fronts.cut:  # the third over the second
-        third = [t.typical_level for t in tracks if abs(t.typical_us / lag - 2.0) < 0.1]
-        even, level = bool(third), max(third, default=0.0) / level
-    return first if even and level > CONTACT_LEVEL else None
-
-
-def _is_lobe(track: Track, others: list[Track], fronts: FrontArrivals) -> bool:
-    """Return whether an early weak echo that stands still is the end of the front's own pulse."""
-    level = track.typical_level
-    # a front that was cut off is put back lower than it was
-    known = level / (CUT_SHORT if fronts.cut else 1.0)
-    if not _early_and_weak(track.typical_us, known, fronts.band):
-        return False
-    later = [t for t in others if t.typical_level > 0.5 * level and t.typical_us > track.typical_us]
-    return bool(later) and not _has_multiples(track, later, others, fronts)
-
-
-def _has_multiples(
-    track: Track, later: list[Track], others: list[Track], fronts: FrontArrivals
-) -> bool:
-    """Return whether an echo comes again at twice its lag.
-
-    Both together tell how strongly the plate reflects: a faint echo with a loud multiple would
-    be of a better mirror than there is.
-    """
-    # a lobe comes behind every echo, and so behind one at twice its own lag; and a louder echo
-    # has multiples of its own
-    level, apart = track.typical_level, TWICE * fronts.band.length_us
-    lobes = [u.typical_us + track.typical_us for u in later]
-    lobes += [2.0 * u.typical_us for u in later if u.typical_level > 2.0 * level]
-    most = 0.9 if fronts.cut else min(0.9, MIRROR * level)
-    return any(
-        0.2 * level < t.typical_level < most * level
-        and all(abs(t.typical_us - lobe) > apart for lobe in lobes)
-        and abs(t.typical_us - 2.0 * track.typical_us) < apart
-        for t in others
-    )
-
-
-def _is_alone(
-    track: Track, tracks: list[Track], foreign: list[Track], fronts: FrontArrivals
-) -> bool:
-    """Return whether an early weak echo is the only one that is not explained, and a lobe.
-
-    Only the front's second arrival by way of the probe is louder, and there is no multiple.
-    """
-    louder = any(t.typical_level > LONE_LEVEL * track.typical_level for t in foreign)
-    rest = [t for t in tracks if t is not track]
-    early = is_early_and_weak(track, fronts.band)
-    return early and louder and not _has_multiples(track, [], rest, fronts)
-
-
-def _is_lobe_of(track: Track, main: Track, band: Band) -> bool:
-    """Return whether an echo could be a lobe of another one that is before it."""
-    after = track.typical_us - main.typical_us
-    return after > 0 and _early_and_weak(after, track.typical_level / main.typical_level, band)
-
-
-def is_early_and_weak(track: Track, band: Band) -> bool:
-    """Return whether an echo could be a lobe of the front's own pulse."""
-    return _early_and_weak(track.typical_us, track.typical_level, band)
-
-
-def is_smeared(track: Track, band: Band) -> bool:
-    """Return whether an echo is so near and faint that it is left of the front's compression."""
-    reach, most = SMEARED
-    return track.typical_us < reach * band.length_us and track.typical_level < most
-
-
-def _early_and_weak(after_us: float, level: float, band: Band) -> bool:
-    reaches = ((NEAR_REACH, LOBE_LEVEL), (LOBE_REACH, LATE_LOBE_LEVEL), (GHOST_REACH, GHOST_LEVEL))
-    return any(after_us < reach * band.length_us and level < most for reach, most in reaches)
-
-
-def steadiness(
-    track: Track, near: Ints, positions_mm: Floats | None, band: Band
-) -> tuple[float, bool]:
-    """Return the share of scans that agree with their neighbours, and whether the echo wanders.
-
-    It does if it changes its distance from the front, as no lobe does, and smoothly, as noise
-    does not.
-    """
-    if near.shape[1] < 3:
-        return 1.0, False
-    around = predicted(track.lag_us, track.present, near, positions_mm)
-    known = track.present & np.isfinite(around)
-    if not known.any():
-        return 0.0, False
-    off = (track.lag_us - around)[known]
-    # a track that jumps from one still echo to another does not wander
-    wide = robust_sd(track.lag_us[known & largest_piece(track, near, band.length_us)])
-    wanders = wide > WANDERS / band.centre_mhz and robust_sd(off) < 0.5 * wide
-    return float((np.abs(off) < AGREES * band.length_us).mean()), wanders
+    lag_us: Floats  # (n,) after the front; the usual one where not present
+    present: Bools  # (n,)
+    level: float  # over the front, usual
 
 
 def find_back_wall(survey: RfSurvey, pulse_delay_us: float) -> Track | None:
@@ -241,51 +68,232 @@ def find_back_wall(survey: RfSurvey, pulse_delay_us: float) -> Track | None:
         survey: Lines aligned to their fronts.
         pulse_delay_us: From the begin of a pulse to the point at which it is timed.
     """
-    recorded, front, band = survey.recorded, survey.front, survey.band
-    if not front.ok.any():
+    if not survey.front.ok.any() or is_swept(survey):
         return None
-    # a record that begins with ring-down begins with the emission
-    timed = recorded.start_known or bool((front.quiet_from > 0).any())
-    fronts = FrontArrivals(
-        time_us=recorded.start_us + front.aligned.at_us,
-        ok=front.ok,
-        emission_known=timed,
-        band=band,
-        positions_mm=recorded.positions_mm,
-        pulse_delay_us=pulse_delay_us,
-        cut=fronts_are_cut(survey),
+    echoes = find_echoes(survey, pulse_delay_us)
+    best = choose_back_wall(echoes, survey.band, cut=survey.cut)
+    return None if best is None else _picked(survey, echoes[best])
+
+
+def choose_back_wall(echoes: list[Echo], band: Band, *, cut: bool = False) -> int | None:
+    """Return which echo is the back wall: the first that is loud and explained by nothing else.
+
+    Args:
+        echoes: In the order of their lags.
+        band: Of the echoes.
+        cut: Whether the front was cut off, so that all levels over it are too large.
+    """
+    contact = _contact(echoes, band)
+    if contact is not None:
+        return contact
+    own = [k for k, echo in enumerate(echoes) if not echo.foreign]
+    while own:
+        loudest = max((echoes[k] for k in own), key=lambda echo: echo.level)
+        loud = [
+            k
+            for k in own
+            if echoes[k].level >= (CUT_SHARE if cut else LEAST_SHARE) * loudest.level
+            and echoes[k].wander_us <= MORE * loudest.wander_us + STILL * band.length_us
+            and echoes[k].share >= LESS * loudest.share
+        ]
+        for k in loud:
+            if not _is_lobe(echoes[k], [echoes[j] for j in own if j != k], band, cut):
+                return k
+        own = [k for k in own if k not in loud]
+    return None
+
+
+def _contact(echoes: list[Echo], band: Band) -> int | None:
+    """Return the echo that is the second round trip in a plate under the probe itself.
+
+    Then nothing lies between emission and back wall: what was taken for the front is the back
+    wall, and whatever follows comes at multiples of its time. Behind water the second arrival
+    from the front is fainter.
+    """
+    again = [k for k, echo in enumerate(echoes) if echo.again]
+    if not again:
+        return None
+    first = max(again, key=lambda k: echoes[k].level)
+    lag, level = echoes[first].lag_us, echoes[first].level
+    order = [
+        echo.lag_us / lag
+        for echo in echoes
+        if echo.level > FAINT * level
+        and not is_early_and_weak(echo.lag_us, echo.level, band)
+        and not is_early_and_weak(echo.lag_us - lag, echo.level / level, band)
+    ]
+    even = all(abs(k - round(k)) * lag < TWICE * band.length_us * max(round(k), 1) for k in order)
+    return first if even and level > CONTACT_LEVEL else None
+
+
+def _is_lobe(echo: Echo, others: list[Echo], band: Band, cut: bool) -> bool:
+    """Return whether an early weak echo is the end of the front's own pulse.
+
+    A louder one is behind it, and nothing at twice its lag, which would speak for a plate: level
+    and ratio of multiples tell how strongly that reflects, and there is no better mirror than
+    ``MIRROR``.
+    """
+    over_front = echo.level / (CUT_SHORT if cut else 1.0)
+    if not is_early_and_weak(echo.lag_us, over_front, band):
+        return False
+    later = [o for o in others if o.level > 0.6 * echo.level and o.lag_us > echo.lag_us]
+    lobes = [o.lag_us + echo.lag_us for o in later]
+    lobes += [2.0 * o.lag_us for o in later if o.level > 2.0 * echo.level]
+    apart = TWICE * band.length_us
+    multiple = any(
+        0.2 < o.level / echo.level < min(0.9, MIRROR * echo.level)
+        and all(abs(o.lag_us - lobe) > apart for lobe in lobes)
+        and abs(o.lag_us - 2.0 * echo.lag_us) < apart
+        for o in others
     )
-    peaks = _peaks_behind_front(survey)
-    place = recorded.positions_mm
-    tree, near = neighbour_tree(front.ok, place), neighbours(len(survey.lines), place)
-    followed = follow(peaks, tree, band, front.ok)
-    tracks = [mended(track, peaks, near, place, band) for track in followed]
-    foreign = [is_reverberation(track, fronts) for track in tracks]
-    again = [timed and repeats_standoff(track, fronts) for track in tracks]
-    best = choose_back_wall(tracks, foreign, again, fronts, near)
-    return None if best is None or is_smeared(tracks[best], band) else tracks[best]
+    reach, most = LONE
+    alone = echo.lag_us < reach * band.length_us and over_front < most
+    return (bool(later) or alone) and not multiple
 
 
-def _peaks_behind_front(survey: RfSurvey) -> Peaks:
+def is_early_and_weak(after_us: float, level: float, band: Band) -> bool:
+    """Return whether an echo could be a lobe of one that is before it and has level 1."""
+    return after_us > 0 and any(
+        after_us < reach * band.length_us and level < most for reach, most in LOBES
+    )
+
+
+def find_echoes(survey: RfSurvey, pulse_delay_us: float) -> list[Echo]:
+    """Return the echoes that most scans share, in the order of their lags.
+
+    Args:
+        survey: Lines aligned to their fronts.
+        pulse_delay_us: From the begin of a pulse to the point at which it is timed.
+    """
+    front, band, rate, zero = survey.front, survey.band, survey.sampling_mhz, survey.zero
+    length = band.length_us * rate
+    envelope = _envelopes(survey)[front.ok]
+    usual = np.quantile(envelope, USUAL, axis=0)
+    level = _reached(envelope, length)
+    noise = float(np.median(noise_rms(envelope, zero, length)))
+    first = round(length)
+    # the quietest moment so far, before all that counts as near
+    near = round(SPREAD_LENGTHS * length)
+    lowest = np.minimum.accumulate(usual[zero:])
+    lowest = np.concatenate((np.full(near, lowest[0]), lowest))[: len(lowest)]
+    alive = level[zero:].copy()
+    alive[: first + 1] = 0.0
+    alive[(alive < LEAST_SNR * noise) | (alive < RISE * lowest)] = 0.0
+    middles = uniform_filter1d(alive, 2 * round(0.5 * length) + 1)
+    moved = _moved(survey)
+    echoes: list[Echo] = []
+    while alive.any() and len(echoes) < MOST_ECHOES:
+        at = int(np.argmax(np.where(alive > 0, middles, 0.0)))
+        height = float(level[zero + at])
+        alive[max(0, at - first) : at + first + 1] = 0.0
+        if middles[at] >= middles[max(0, at - 2) : at + 3].max():  # no flank of a louder one
+            again = _repeats_standoff(survey, at / rate, pulse_delay_us)
+            foreign = again or moved(at, height)
+            lag, reached = _loudest(envelope, zero + at, SPREAD_LENGTHS * length, zero + first)
+            peaked = (reached > NEAR_SHARE * height) & (np.abs(lag - zero - at) < near)
+            wander = _deviation(lag[peaked] / rate)
+            share = float(peaked.mean())
+            echoes.append(Echo(at / rate, height, foreign, again, wander, share))
+    return sorted(echoes, key=lambda echo: echo.lag_us)
+
+
+def _deviation(values: Floats) -> float:
+    return mad_sigma(values, center=float(np.median(values))) if len(values) else 0.0
+
+
+def _envelopes(survey: RfSurvey) -> Floats:
+    """Return the envelopes (n, samples) of the aligned lines, 0 behind the end of the record."""
+    last = survey.recorded.rf.shape[1] - survey.front.aligned.at_us * survey.sampling_mhz
+    last = last + survey.zero - 0.5 * survey.band.length_us * survey.sampling_mhz
+    index = np.arange(survey.lines.shape[1])
+    return np.where(index < last[:, None], np.abs(survey.lines), 0.0)
+
+
+def _reached(envelope: Floats, length: float) -> Floats:
+    """Return the level (samples,) that most scans reach near each lag."""
+    wide = maximum_filter1d(envelope, 2 * round(SPREAD_LENGTHS * length) + 1, axis=1)
+    return np.quantile(wide, USUAL, axis=0)
+
+
+def _moved(survey: RfSurvey) -> "_Moved":
+    ok, rate = survey.front.ok, survey.sampling_mhz
+    time_us = survey.front.aligned.at_us[ok]
+    place = survey.positions_mm
+    place = np.arange(len(ok), dtype=np.float64)[:, None] if place is None else place
+    off = plane_residuals(time_us, place[ok]) if len(time_us) >= 8 else np.zeros(len(time_us))
+    return _Moved(_envelopes(survey)[ok], survey.zero, off * rate, survey.band.length_us * rate)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Moved:
+    """Whether an echo stands still in the record, or moves twice as far as the front.
+
+    Beyond a plane over the positions: a wedge on a tilted plate moves with it too.
+    """
+
+    envelope: Floats  # (n, samples)
+    zero: int
+    off: Floats  # (n,) of the fronts, in samples
+    length: float
+
+    def __call__(self, at: int, height: float) -> bool:
+        if mad_sigma(self.off) < MOVES_US * self.length:
+            return False
+        half = round(2.0 * self.length)
+        rows = np.arange(len(self.off))[:, None]
+        sharp: list[float] = []
+        for times in (0.0, -1.0, 1.0, 2.0):
+            index = self.zero + at + np.rint(times * self.off).astype(int)[:, None]
+            index = np.clip(index + np.arange(-half, half + 1), 0, self.envelope.shape[1] - 1)
+            sharp.append(float(np.quantile(self.envelope[rows, index], USUAL, axis=0).max()))
+        return max(sharp[1:]) > MOVED_BETTER * sharp[0] and height > 0
+
+
+def _repeats_standoff(survey: RfSurvey, lag_us: float, pulse_delay_us: float) -> bool:
+    """Return whether an echo is as late after the front as this is after the emission.
+
+    Or a small number of times as late: a multiple between probe and front.
+    """
+    front, recorded, length_us = survey.front, survey.recorded, survey.band.length_us
+    if not (recorded.start_known or (front.quiet_from > 0).any()):
+        return False  # a record that begins with ring-down begins with the emission
+    time_us = recorded.start_us + float(np.median(front.aligned.at_us[front.ok]))
+    # what was timed of the front is later than its begin, by less than a pulse
+    late = AT_FRONT_US + max(PULSE_DELAY * length_us, pulse_delay_us + 0.5 * length_us)
+    return any(-AT_FRONT_US < time_us - lag_us / times < late for times in range(1, 7))
+
+
+def plane_residuals(values: Floats, place: Floats) -> Floats:
+    """Return the residuals (n,) of a plane of least absolute deviation over places (n, d)."""
+    centred = place - place.mean(axis=0)
+    design = np.column_stack((np.ones(len(values)), centred / max(np.abs(centred).max(), 1e-12)))
+    plane = reweighted_least_squares(
+        design, values, lambda off: 1.0 / np.maximum(np.abs(off), LEAST_US), rounds=12
+    )
+    return np.asarray(values - design @ plane)
+
+
+def _picked(survey: RfSurvey, echo: Echo) -> Track:
+    """Return the loudest moment of each scan near the lag of an echo, where it is loud enough."""
     rate, zero = survey.sampling_mhz, survey.zero
-    last = survey.recorded.rf.shape[1] - survey.front.aligned.at_us * rate + zero
-    ends = np.minimum(np.floor(last).astype(np.int64), survey.lines.shape[1])
-    lines = _compress_like_front(survey)
-    return find_peaks(lines, 1.0 / rate, zero, survey.band, least_lag_us(survey), ends)
+    length = survey.band.length_us * rate
+    envelope = _envelopes(survey)
+    middle = zero + round(echo.lag_us * rate)
+    lag, near = _loudest(envelope, middle, SPREAD_LENGTHS * length, zero + round(length))
+    wide, far = _loudest(envelope, middle, FAR_LENGTHS * length, zero + round(length))
+    # at the edge of what is near it is the flank of something farther
+    close = (near > NEAR_SHARE * echo.level) & (
+        np.abs(lag - middle) < round(SPREAD_LENGTHS * length)
+    )
+    lag = np.where(close, lag, wide)
+    present = survey.front.ok & (close | (far > FAR_SHARE * echo.level))
+    lag_us = np.where(present, (lag - zero) / rate, echo.lag_us)
+    return Track(lag_us.astype(np.float64), present, echo.level)
 
 
-def _compress_like_front(survey: RfSurvey) -> Complexes:
-    """Return lines in which an echo like the front is one short lobe of height 1."""
-    lines, rate, band = survey.lines, survey.sampling_mhz, survey.band
-    pulse = np.fft.ifft(survey.front.aligned.spectrum)
-    half = len(pulse) // 2
-    padded = max(lines.shape[1] + 4 * round(band.length_us * rate), half)
-    f: Floats = np.fft.fftfreq(padded, 1.0 / rate).astype(np.float64)
-    whole = np.zeros(padded, dtype=np.complex128)
-    whole[:half] = pulse[:half]
-    whole[-half:] += pulse[-half:]
-    spectrum = np.fft.fft(whole)
-    weight = inverse_filter(spectrum, f, band)
-    weight = weight / np.abs(np.fft.ifft(spectrum * weight)).max()
-    weight = weight * float(np.abs(pulse).max())  # the lines are over the height of the front
-    return filtered(lines, weight)
+def _loudest(envelope: Floats, middle: int, reach: float, first: int) -> tuple[Ints, Floats]:
+    """Return sample and level (n,) of the largest value about a sample, no flank of another."""
+    low, high = max(first, middle - round(reach)), middle + round(reach) + 1
+    part = envelope[:, low:high]
+    at = np.argmax(part, axis=1)
+    return (low + at).astype(np.int64), part[np.arange(len(part)), at]

@@ -1,7 +1,8 @@
-"""Coherent timing of the back-wall echo against a template learned from all scans.
+"""Timing of the back-wall echo: the delay of its envelope behind that of the front.
 
-Attenuation and polarity make it unlike the front; what remains alike decides how far apart the two
-are: the delay at which the mean front, damped and perhaps turned over, is most like the mean back.
+All scans are aligned to the mean back echo. How far that lies behind the mean front is read from
+the envelopes, not the phase: loss, the field of the probe and an amplifier at its limit change the
+phase, and a wrong cycle would move all scans alike.
 """
 
 from dataclasses import dataclass, replace
@@ -10,29 +11,25 @@ import numpy as np
 
 from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.geometry.robust import mad_sigma
-from rona_core.ultrasound.recorded.aligned_lines import (
-    RfSurvey,
-    are_most_cut,
-    cut_fronts,
-    fronts_are_cut,
-    half_cycles_off,
-    samples_lost,
-)
+from rona_core.ultrasound.recorded.aligned_lines import RfSurvey
+from rona_core.ultrasound.recorded.back_wall_choice import Track
 from rona_core.ultrasound.recorded.band import Band, Complexes, noise_rms
-from rona_core.ultrasound.recorded.echo_tracks import Track, neighbours, predicted
-from rona_core.ultrasound.recorded.template_learning import Aligned, align_echoes, locate_echoes
+from rona_core.ultrasound.recorded.template_learning import Aligned, align_echoes
 
-ALIKE = 0.5  # correlation with the mean back echo, below which a scan is unsure
+ALIKE = 0.6  # correlation with the mean back echo, below which a scan is unsure
 LEAST_SNR = 3.0
-SMOOTH_CYCLES = 0.35  # a coarse lag that scatters less about its neighbours is replaced by theirs
-SEARCH_CYCLES = 0.6
-OFF_COST = 0.05  # correlation that a scan off its neighbours by a cycle must have more
-LOSSES = np.linspace(0.0, 3.0, 61)  # Np per MHz tried for the way through the plate
-MOST_TURN = 0.5 * np.pi  # of the phase, from a piston's near field to its far field
-TURN_COST = 0.005  # correlation that the whole of it must bring
-BEYOND = 0.5  # of the range of lags that were followed
+SEARCH_CYCLES = 0.75
+OFF_CYCLES = 0.4  # between a scan's own envelope and its waveform against the mean
+LOSSES = np.linspace(0.0, 3.0, 16)  # Np per MHz tried for the way through the plate
+REACH_LENGTHS = 1.0  # of the pulse, by which the mean echoes may be off each other
+GAINS = np.geomspace(1.0, 30.0, 18)  # of the front over the limit of the amplifier
+CLIPPED_BETTER = 0.01  # correlation that a limit of the amplifier must bring
+SHAPES_ALIKE = 0.9  # below this correlation only the rise of front and back is compared
+RISEN = 0.5  # of the largest value, to which it is
+MOST_UNSURE = 0.3  # of the scans with an echo; if more are, all are
+STRAYS_LENGTHS, STRAYS_TIMES = 0.5, 4.0  # pulse lengths, robust deviations, off the usual lag
+LONGEST = 3.0, 5.0  # of the pulse, before and behind the point at which a front is timed
 MOST_GAIN = 5.0  # by which a loss is taken back
-MAX_RESHAPE_NP = 0.7
 END_LENGTHS = 2.0  # of the pulse: so far before the end of a line an echo may belong to one
 ENDS_LOUD = 0.35  # that is cut off there, and is as loud as this share of it
 ENDS_LOUDER = 2.0  # or, farther from the end, times as loud
@@ -43,25 +40,24 @@ class BackEchoes:
     """The back wall in each line (n,)."""
 
     lag_us: Floats
-    correlation: Floats  # with the mean back echo
     sigma_us: Floats
     detected: Bools
     confident: Bools
     level: float  # over the front, typical
     inverted: bool
     cut_off: Bools  # the record ends within an echo
-    alike: float  # correlation of the mean back echo with the mean front, its loss allowed for
+    alike: float  # correlation of the envelopes of mean back and mean front, loss allowed for
 
 
 @dataclass(frozen=True, slots=True)
 class Match:
     """How the mean back echo follows from the mean front."""
 
-    delay_us: float  # of the back's point of time against the front's
-    loss_np_per_mhz: float
-    inverted: bool
+    delay_us: float  # of the back echo's envelope against the front's
+    turn_rad: float  # of its phase
     correlation: float
-    worth: float  # correlation less the price of a turned phase
+    gain: float  # of the front over the limit that cut it off; 1 where nothing did
+    model_us: float = 0.0  # deviation of the delay over losses and gains that fit nearly as well
 
 
 def time_back_wall(survey: RfSurvey, track: Track) -> BackEchoes:
@@ -73,50 +69,144 @@ def time_back_wall(survey: RfSurvey, track: Track) -> BackEchoes:
     """
     front, band, rate = survey.front, survey.band, survey.sampling_mhz
     used = track.present & front.ok
-    near = neighbours(len(survey.lines), survey.positions_mm)
-    lag = _coarse(track, used, near, survey.positions_mm, band)
-    centers = _centers(survey, lag)
-    search_us = SEARCH_CYCLES / band.centre_mhz
-    aligned = align_echoes(survey.lines, centers, used, rate, band, search_us=search_us)
-    middle = float(np.median(lag[used]))
-    # what was restored of a pulse does not tell a turned phase from a moved envelope
-    most_turn = 0.0 if fronts_are_cut(survey) else MOST_TURN
-    match = match_echoes(front.aligned, aligned, band, most_turn)
-    loss_rate = match.loss_np_per_mhz / middle
-    reshape = _reshape(loss_rate * (lag - middle), aligned.frequencies_mhz, band)
-    aligned = align_echoes(
-        survey.lines, centers, used, rate, band, search_us=search_us, reshape=reshape
-    )
-    aligned = _settled(survey, aligned, lag, used, near, reshape)
-    match = match_echoes(front.aligned, aligned, band, most_turn)
-    match = _with_whole_front(match, survey, aligned, used)
+    centers = np.rint(survey.zero + track.lag_us * rate).astype(np.int64)
+    cycle = 1.0 / band.centre_mhz
+    aligned = align_echoes(survey.lines, centers, used, rate, band, search_us=SEARCH_CYCLES * cycle)
+    match = match_echoes(*_means(survey, aligned, used), rate, band)
     found = aligned.at_us - survey.zero / rate + match.delay_us
-    noise = noise_rms(np.abs(survey.lines), survey.zero, band.length_us * rate)
-    noise = np.maximum(noise, 1e-9)
+    noise = np.maximum(noise_rms(np.abs(survey.lines), survey.zero, band.length_us * rate), 1e-9)
     peak = np.abs(np.fft.ifft(aligned.spectrum)).max() * aligned.level
     snr = peak / noise
     inside = centers < survey.lines.shape[1] - round(0.5 * band.length_us * rate)
-    detected = front.ok & inside & (snr > LEAST_SNR)
-    confident = detected & (aligned.correlation > ALIKE)
-    confident &= used | (aligned.correlation > 0.75)
-    # where the echo was not followed to, neighbours may have pointed anywhere
-    low, high = np.quantile(lag[used], (0.02, 0.98))
-    reach = max(band.length_us, BEYOND * (high - low))
-    confident &= used | ((found > low - reach) & (found < high + reach))
-    cut_off = detected & _ends_in_echo(survey, centers)
-    # bound of a coherent estimate: bandwidth times time is about 1, both echoes have noise
-    sigma = np.hypot(1.0 / np.maximum(snr, 1.0), noise) / (2.0 * np.pi * band.centre_mhz)
+    detected = used & inside & (snr > LEAST_SNR)
+    own = aligned.at_us - survey.zero / rate - track.lag_us
+    off = np.abs(own - (np.median(own[used]) if used.any() else 0.0))
+    confident = detected & (aligned.correlation > ALIKE) & (off < OFF_CYCLES * cycle)
+    # what is alone at its lag is another echo
+    usual = float(np.median(found[confident])) if confident.any() else 0.0
+    scatter = mad_sigma(found[confident], center=usual) if confident.any() else 0.0
+    strays = np.abs(found - usual) > max(STRAYS_LENGTHS * band.length_us, STRAYS_TIMES * scatter)
+    confident &= ~strays
+    if (detected & ~confident).sum() > MOST_UNSURE * detected.sum():
+        confident[:] = False  # the mean is of more than one echo, or of different cycles
+    # bandwidth times time is about 1; what a scan is unlike the mean counts as noise does
+    unlike = np.sqrt(np.clip(1.0 - aligned.correlation**2, 0.0, 1.0))
+    own = np.sqrt(1.0 / np.maximum(snr, 1.0) ** 2 + noise**2 + unlike**2)
+    sigma = own / (2.0 * np.pi * band.centre_mhz)
     return BackEchoes(
         found,
-        aligned.correlation,
-        sigma,
+        np.hypot(sigma, shared_sigma_us(match, band)),
         detected,
         confident,
-        track.typical_level,
-        match.inverted,
-        cut_off,
+        track.level,
+        bool(np.cos(match.turn_rad) < 0.0),
+        detected & _ends_in_echo(survey, centers),
         match.correlation,
     )
+
+
+def shared_sigma_us(match: Match, band: Band) -> float:
+    """Return the uncertainty (1 SD) of the delay between the mean echoes, which all scans share.
+
+    Envelopes that are unlike (correlation r) leave sqrt(1 - r^2) over their bandwidth, and losses
+    that fit nearly as well move the delay. A phase that is neither that of the front nor inverted
+    may be delay, up to a quarter cycle. Where the front was cut off, or only the rises are
+    compared, the delay may be off by a half cycle either way.
+    """
+    shape = np.sqrt(max(0.0, 1.0 - match.correlation**2)) / (2.0 * np.pi * band.width_mhz)
+    off = abs((match.turn_rad + 0.5 * np.pi) % np.pi - 0.5 * np.pi) / (2.0 * np.pi)
+    unlike = match.gain > 1.0 or match.correlation < SHAPES_ALIKE
+    cycles = np.hypot(off, 0.5 if unlike else 0.0) / np.sqrt(3.0)  # of even probability
+    return float(np.sqrt(shape**2 + match.model_us**2 + (cycles / band.centre_mhz) ** 2))
+
+
+def _means(survey: RfSurvey, aligned: Aligned, used: Bools) -> tuple[Complexes, Complexes]:
+    """Return the mean front and the mean back echo (2, k), at one sample each."""
+    rate, length = survey.sampling_mhz, survey.band.length_us
+    room = float(np.median(aligned.at_us[used])) - survey.zero / rate
+    before = round(min(LONGEST[0] * length, 0.5 * room) * rate)
+    after = round(min(LONGEST[1] * length, 0.6 * room) * rate)
+    index = np.arange(-before, after + 1)
+    ends = np.maximum(np.where(index < 0, before, after), 1)
+    taper = np.minimum(1.0, 2.0 * (1.0 - np.abs(index) / ends))
+    whole = np.rint(aligned.at_us * rate).astype(np.int64)
+    rows = np.flatnonzero(used)
+    size = survey.lines.shape[1]
+    place = whole[rows, None] + index
+    pieces = survey.lines[rows[:, None], place.clip(0, size - 1)] * (place < size)
+    f = np.fft.fftfreq(len(index), 1.0 / rate)
+    shift = aligned.at_us[rows] - whole[rows] / rate
+    turned = np.fft.ifft(
+        np.fft.fft(pieces, axis=1) * np.exp(2j * np.pi * f * shift[:, None]), axis=1
+    )
+    back = np.median(turned.real, axis=0) + 1j * np.median(turned.imag, axis=0)
+    front = survey.lines[rows, survey.zero - before : survey.zero + after + 1].mean(axis=0)
+    return np.asarray(front * taper), np.asarray(back * taper)
+
+
+def match_echoes(front: Complexes, back: Complexes, rate: float, band: Band) -> Match:
+    """Return how the mean back echo (k,) is like the mean front (k,), both analytic.
+
+    Loss grows with frequency and has its Kramers-Kronig dispersion, 0 in mid-band. A front at the
+    limit of the amplifier is what is left of the back echo, its loss taken back, amplified and cut
+    off: the phase is free throughout, so that no delay is a cycle off for it.
+    """
+    size = 8 * len(front)
+    f: Floats = np.fft.fftfreq(size, 1.0 / rate).astype(np.float64)
+    fronts, backs = np.fft.fft(front, size), np.fft.fft(back, size)
+    reach = round(REACH_LENGTHS * band.length_us * rate)
+    passed = np.where(f > 0, 2.0 * band.response(np.abs(f)), 0.0)
+    models: list[Match] = []
+    for loss in LOSSES:
+        damped = fronts * damping(float(loss), f, band)
+        models.append(_compared(damped[None], backs[None], reach, GAINS[:1]))
+    for loss in LOSSES[::3]:
+        undamped = damping(-float(loss), f, band)
+        undamped = undamped * np.minimum(1.0, MOST_GAIN / np.maximum(np.abs(undamped), 1e-12))
+        wave = np.fft.ifft(backs * undamped).real
+        cut = np.clip(GAINS[1:, None] * wave / np.abs(wave).max(), -1.0, 1.0)
+        cuts = np.fft.fft(cut, axis=1) * passed
+        models.append(_compared(fronts[None], cuts, reach, GAINS[1:]))
+    worth = [m.correlation - (CLIPPED_BETTER if m.gain > 1.0 else 0.0) for m in models]
+    best = models[int(np.argmax(worth))]
+    # models that fit nearly as well say how far the delay is known
+    weight = np.exp((np.array(worth) - max(worth)) / CLIPPED_BETTER)
+    apart = np.array([m.delay_us - best.delay_us for m in models])
+    model_us = float(np.sqrt((weight * apart**2).sum() / weight.sum())) / rate
+    delay_us = best.delay_us / rate
+    if best.correlation < SHAPES_ALIKE:
+        delay_us = (_rise(np.abs(back)) - _rise(np.abs(front))) / rate
+    return replace(best, delay_us=delay_us, model_us=model_us)
+
+
+def _rise(envelope: Floats) -> float:
+    """Return the sample at which an envelope (k,) first reaches a share of its largest value."""
+    level = RISEN * float(envelope.max())
+    at = max(1, int(np.argmax(envelope >= level)))
+    low, high = float(envelope[at - 1]), float(envelope[at])
+    return at - (high - level) / max(high - low, 1e-12)
+
+
+def _compared(fronts: Complexes, backs: Complexes, reach: int, gains: Floats) -> Match:
+    """Return the best match of spectra (m, f) of fronts and backs, its delay in samples."""
+    cross = np.roll(np.fft.ifft(backs * np.conj(fronts), axis=1), reach + 1, axis=1)
+    cross = cross[:, : 2 * reach + 3]
+    norm = np.sqrt((np.abs(fronts) ** 2).sum(axis=1) * (np.abs(backs) ** 2).sum(axis=1))
+    value = np.abs(cross) * fronts.shape[1] / np.maximum(norm, 1e-300)[:, None]
+    row, at = np.unravel_index(int(np.argmax(value[:, 1:-1])), value[:, 1:-1].shape)
+    left, mid, right = (float(value[row, at + k]) for k in range(3))
+    bend = left - 2.0 * mid + right
+    step = float(np.clip(0.5 * (left - right) / bend, -0.5, 0.5)) if bend < 0 else 0.0
+    turn = float(np.angle(cross[row, at + 1]))
+    return Match(int(at) - reach + step, turn, mid, float(gains[row]))
+
+
+def damping(loss_np_per_mhz: Floats | float, f: Floats, band: Band) -> Complexes:
+    """Return what a loss in proportion to frequency does to a spectrum (..., f)."""
+    safe = np.where(f > 0, f, band.centre_mhz)
+    turn = 2.0 * safe / np.pi * np.log(safe / band.centre_mhz)
+    # level at mid-band stays
+    return np.exp(loss_np_per_mhz * (-(safe - band.centre_mhz) + 1j * turn))
 
 
 def _ends_in_echo(survey: RfSurvey, centers: Ints) -> Bools:
@@ -134,140 +224,3 @@ def _ends_in_echo(survey: RfSurvey, centers: Ints) -> Bools:
     loudest = np.where(near, envelope, 0.0).max(axis=1)
     close = last - centers < END_LENGTHS * length * rate
     return at_end > np.where(close, ENDS_LOUD, ENDS_LOUDER) * loudest
-
-
-def _centers(survey: RfSurvey, lag_us: Floats) -> Ints:
-    """Return the samples (n,) of the aligned lines at lags (n,) behind the front."""
-    return np.rint(survey.zero + lag_us * survey.sampling_mhz).astype(np.int64)
-
-
-def _with_whole_front(match: Match, survey: RfSurvey, aligned: Aligned, used: Bools) -> Match:
-    """Return the match corrected by half cycles, where the fronts were cut off and restored.
-
-    An echo that was cut off as much does not tell what the front was before.
-    """
-    front, band, rate = survey.front, survey.band, survey.sampling_mhz
-    cut = cut_fronts(survey)
-    if not are_most_cut(cut, front.ok):
-        return match
-    back_us = front.aligned.at_us + aligned.at_us - survey.zero / rate
-    more = samples_lost(survey, back_us) >= samples_lost(survey, front.aligned.at_us)
-    if are_most_cut(more & cut & used, cut & used):
-        return match
-    whole = np.where(
-        aligned.frequencies_mhz > 0,
-        aligned.spectrum * _undamped(match.loss_np_per_mhz, aligned.frequencies_mhz, band),
-        0.0,
-    ) * np.exp(2j * np.pi * aligned.frequencies_mhz * match.delay_us)
-    halves = half_cycles_off(survey, cut, -whole if match.inverted else whole)
-    return replace(
-        match,
-        delay_us=match.delay_us + 0.5 * halves / band.centre_mhz,
-        inverted=match.inverted != bool(halves % 2),
-    )
-
-
-def match_echoes(front: Aligned, back: Aligned, band: Band, most_turn: float) -> Match:
-    """Return delay, loss and sign that make the mean front most like the mean back echo.
-
-    Loss grows with frequency and has its Kramers-Kronig dispersion, 0 in mid-band. The field of a
-    probe spreads between front and back wall, which advances the phase by up to a quarter turn.
-    """
-    f = front.frequencies_mhz
-    half = f > 0
-    fine = 16
-    size = len(f) * fine
-    step = 1.0 / (float(f[1]) * size)
-    reach = int(0.8 / band.centre_mhz / step)
-    lags = np.arange(-reach, reach + 1)
-    best = Match(0.0, 0.0, True, -1.0, -1.0)
-    norm_back = np.sqrt((np.abs(back.spectrum[half]) ** 2).sum())
-    for loss in LOSSES:
-        model = np.where(half, front.spectrum * damping(loss, f, band), 0.0)
-        cross = np.zeros(size, dtype=np.complex128)
-        cross[: len(f) // 2] = (back.spectrum * np.conj(model))[: len(f) // 2]
-        value = (np.fft.ifft(cross) * size)[lags]
-        value = value / (norm_back * np.sqrt((np.abs(model) ** 2).sum()) + 1e-12)
-        for sign in (-1.0, 1.0):
-            turn = np.clip(np.angle(sign * value), 0.0, most_turn)
-            fit = (sign * value * np.exp(-1j * turn)).real
-            worth = fit - TURN_COST * turn / MOST_TURN
-            at = int(np.argmax(worth))
-            if worth[at] > best.worth:
-                best = Match(
-                    float(lags[at] * step), float(loss), sign < 0, float(fit[at]), float(worth[at])
-                )
-    return best
-
-
-def damping(loss_np_per_mhz: Floats | float, f: Floats, band: Band) -> Complexes:
-    """Return what a loss in proportion to frequency does to a spectrum (..., f)."""
-    safe = np.where(f > 0, f, band.centre_mhz)
-    turn = 2.0 * safe / np.pi * np.log(safe / band.centre_mhz)
-    # level at mid-band stays
-    return np.exp(np.asarray(loss_np_per_mhz)[..., None] * (-(safe - band.centre_mhz) + 1j * turn))
-
-
-def _undamped(loss_np_per_mhz: float, f: Floats, band: Band) -> Complexes:
-    """Return what takes a loss back, within reason."""
-    gain = damping(-loss_np_per_mhz, f, band)
-    size = np.abs(gain)
-    return gain * np.minimum(size, MOST_GAIN) / size
-
-
-def _reshape(loss_np_per_mhz: Floats, f: Floats, band: Band) -> Complexes:
-    """Return factors (n, f) that give every back echo the loss of the typical one."""
-    limit = MAX_RESHAPE_NP / band.width_mhz
-    return damping(-np.clip(loss_np_per_mhz, -limit, limit), f, band)
-
-
-def _around(lag_us: Floats, used: Bools, near: Ints, positions_mm: Floats | None) -> Floats:
-    """Return the lags (n,) that neighbours predict; where none do, the scan's own or the usual."""
-    around = predicted(lag_us, used, near, positions_mm)
-    measured = np.where(used, lag_us, np.median(lag_us[used]) if used.any() else 0.0)
-    return np.where(np.isfinite(around), around, measured)
-
-
-def _settled(
-    survey: RfSurvey, aligned: Aligned, lag_us: Floats, used: Bools, near: Ints, reshape: Complexes
-) -> Aligned:
-    """Return the echoes at the cycle that fits both the template and the neighbours best."""
-    lines, band, rate = survey.lines, survey.band, survey.sampling_mhz
-    cycle = 1.0 / band.centre_mhz
-    fine = aligned.at_us - survey.zero / rate
-    around = _around(fine, used & (aligned.correlation > ALIKE), near, survey.positions_mm)
-    best, worth = fine.copy(), _worth(aligned.correlation, fine - around, cycle)
-    for guess in (lag_us, around, fine + cycle, fine - cycle):
-        other = locate_echoes(
-            lines,
-            _centers(survey, guess),
-            aligned,
-            rate,
-            band,
-            search_us=SEARCH_CYCLES * cycle,
-            reshape=reshape,
-        )
-        other_us = other.at_us - survey.zero / rate
-        other_worth = _worth(other.correlation, other_us - around, cycle)
-        best = np.where(other_worth > worth, other_us, best)
-        worth = np.maximum(worth, other_worth)
-    return locate_echoes(
-        lines, _centers(survey, best), aligned, rate, band, search_us=0.3 * cycle, reshape=reshape
-    )
-
-
-def _worth(correlation: Floats, off_us: Floats, cycle_us: float) -> Floats:
-    return correlation - OFF_COST * np.minimum((off_us / cycle_us) ** 2, 4.0)
-
-
-def _coarse(
-    track: Track, used: Bools, near: Ints, positions_mm: Floats | None, band: Band
-) -> Floats:
-    """Return lags (n,) to start from: those of the neighbours where these agree."""
-    around = _around(track.lag_us, used, near, positions_mm)
-    off = np.abs(track.lag_us - around)
-    scatter = mad_sigma(off[used])
-    if scatter < SMOOTH_CYCLES / band.centre_mhz and near.shape[1] >= 3:
-        far = off > max(3.0 * scatter, 0.5 / band.centre_mhz)
-        return np.where(used & ~far, track.lag_us, around)
-    return np.where(used, track.lag_us, around)

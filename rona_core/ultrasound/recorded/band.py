@@ -19,13 +19,12 @@ CLEAR = 3.0  # loud over usual energy of a stretch with an echo
 RISE = 4.0  # in energy, from one stretch to a later one: an echo has come
 COMB_FLOOR = 0.04  # of the peak power
 RELATIVE_BAND = (0.2, 1.2)  # -6 dB width over centre, as far as any transducer goes
-BELL = -2.77  # 4 ln 2: a half at either end of the width
 RAYLEIGH_QUARTER, RAYLEIGH_HALF = 0.7585, 1.1774  # quantiles of envelopes over the rms of noise
 QUIET_LENGTHS, ENOUGH_LENGTHS = 2.5, 5.0  # of the pulse: lines are quiet that far before a front
-INVERSE_FLOOR = 0.02  # of the peak power, added before dividing
-BLOCK = 64  # lines at a time
+QUIET_LINE = 0.2  # of the usual height of a line
 EDGE_SHARE = 0.9  # of half the sampling rate, next to it
-FOLDED = 0.05  # power there; 0.002 at most in recordings with 6 samples a cycle, 0.01 with 3.7
+FOLDED = 0.03  # power there; 0.002 at most in recordings with 6 samples a cycle, 0.01 with 3.7
+TOUCHING = 0.55, 0.7  # power there, width over centre, below which only the end of a band is lost
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,11 +46,6 @@ class Band:
         passed = 0.5 * (1.0 + np.cos(np.pi * np.clip((off - 0.7) / 0.8, 0.0, 1.0)))
         low = np.clip((frequencies_mhz / self.centre_mhz - 0.1) / 0.25, 0.0, 1.0)
         return passed * np.sin(0.5 * np.pi * low) ** 2
-
-    def bell(self, frequencies_mhz: Floats, wider: float = 1.0) -> Floats:
-        """Return a Gaussian spectrum (f,) of this centre and width, or wider."""
-        off = (frequencies_mhz - self.centre_mhz) / (wider * self.width_mhz)
-        return np.exp(BELL * off**2)
 
 
 def find_band(
@@ -119,15 +113,16 @@ def find_band(
 def require_sampled(band: Band, sampling_mhz: float) -> None:
     """Raise InvalidInputError where the echoes reach up to half the sampling rate.
 
-    What is above it has come back folded, cycles cannot be counted any more.
+    What is above it has come back folded. A band of which only the upper end is near it still
+    shows its centre: envelopes are timed, not cycles.
     """
-    if band.edge > FOLDED:
+    most, width = TOUCHING
+    if band.edge > (most if band.width_mhz < width * band.centre_mhz else FOLDED):
         raise InvalidInputError(
             f"the lines have {sampling_mhz:.3g} million samples a second, and their echoes reach "
-            f"up to half of that (power there {100.0 * band.edge:.0f} % of the largest, at most "
-            f"{100.0 * FOLDED:.0f} % are expected): what lies above is folded back, and the "
-            "thickness may be off by cycles; check the sampling rate in the file, or record with "
-            "4 or more samples in a cycle"
+            f"up to half of that (power there {100.0 * band.edge:.0f} % of the largest): what lies "
+            "above is folded back, and the thickness may be off; check the sampling rate in the "
+            "file, or record with 4 or more samples in a cycle"
         )
 
 
@@ -194,23 +189,6 @@ def noise_rms(envelope: Floats, zero: int = 0, length: float = 0.0) -> Floats:
     return noise
 
 
-def inverse_filter(spectrum: Complexes, frequencies_mhz: Floats, band: Band) -> Complexes:
-    """Return what makes one short lobe (f,) of a pulse with this spectrum (f,)."""
-    power = np.abs(spectrum) ** 2
-    target = np.where(frequencies_mhz > 0, band.bell(frequencies_mhz), 0.0)
-    return target * np.conj(spectrum) / (power + INVERSE_FLOOR * power.max())
-
-
-def filtered(z: Complexes, weight: Complexes) -> Complexes:
-    """Return lines (n, samples) behind a filter (f,), longer than they by what it smears."""
-    result = np.zeros_like(z)
-    for start in range(0, len(z), BLOCK):
-        part = slice(start, start + BLOCK)
-        spectra = np.fft.fft(z[part], len(weight), axis=1)
-        result[part] = np.fft.ifft(spectra * weight, axis=1)[:, : z.shape[1]]
-    return result
-
-
 def check_lines(rf: Floats) -> None:
     """Raise ``InvalidInputError`` unless these are lines (n, samples) of finite numbers."""
     if rf.ndim != 2 or rf.shape[0] < 1 or rf.shape[1] < 64 or not np.isfinite(rf).all():
@@ -220,10 +198,11 @@ def check_lines(rf: Floats) -> None:
 
 
 def near_one(rf: Floats) -> Floats:
-    """Return lines (n, samples) whose largest sample is 0.5 to 1, whatever the recorder's unit.
+    """Return lines (n, samples) without their offset, the largest sample of each at 1.
 
-    They are multiplied by a power of two, so that no digit changes.
+    Lines in which there is hardly anything stay as quiet as they are against the others.
     """
-    largest = float(np.abs(rf).max(initial=0.0))
-    result: Floats = np.ldexp(rf, -int(np.frexp(largest)[1]))
-    return result
+    line = rf - np.median(rf, axis=1)[:, None]
+    largest = np.abs(line).max(axis=1)[:, None]
+    usual = float(np.median(largest))
+    return line / np.maximum(largest, QUIET_LINE * usual if usual > 0 else 1.0)

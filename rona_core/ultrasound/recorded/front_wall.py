@@ -19,6 +19,8 @@ BANG_US = 1.0  # an emission is over this long after its time, but for ring-down
 FAINT_SHARE = 0.12  # of the usual front; below it there is no contact
 NOISE_FACTOR = 5.0  # a front is this far above the noise
 BEGINS_LOUD = 0.5  # of its peak: so much of an echo is missed that begins at the first sample
+GAP_LENGTHS = 4.0  # of the pulse, between the arrivals of two scans: not the same wall
+FEW = 5  # scans, of which no one is a stray
 ALIKE = 0.6  # correlation with the mean front
 
 
@@ -46,10 +48,15 @@ def find_recorded_fronts(
     noise = noise_rms(envelope)
     strongest = audible.max(axis=1)
     least = np.maximum(FIRST_SHARE * strongest, np.minimum(NOISE_FACTOR * noise, 0.7 * strongest))
+    rows = np.arange(len(z))
     onset = np.argmax(audible >= least[:, None], axis=1)
+    first, last = _usual_span(onset, GAP_LENGTHS * length)
+    stray = (onset < first) | (onset > last)  # something else comes before the plate, or nothing
+    expected = (index >= first - length) & (index <= last + length)
+    onset = np.where(stray, np.argmax(np.where(expected, audible, -1.0), axis=1), onset)
     span = (index >= onset[:, None]) & (index <= onset[:, None] + round(1.2 * length))
     center = np.argmax(np.where(span, audible, -1.0), axis=1)
-    level = audible[np.arange(len(z)), center]
+    level = audible[rows, center]
     usual = float(np.median(level))
     ok = (level > NOISE_FACTOR * noise) & (level > FAINT_SHARE * usual)
     aligned = align_echoes(
@@ -65,6 +72,18 @@ def find_recorded_fronts(
     begins = envelope[:, : max(1, length // 4)].max(axis=1) > BEGINS_LOUD * level
     cut_off = ok & begins & (quiet == 0) & (aligned.at_us < band.length_us)
     return FrontEchoes(aligned, ok & ~cut_off, cut_off, quiet)
+
+
+def _usual_span(onset: Ints, gap: float) -> tuple[int, int]:
+    """Return first and last of the onsets (n,) that follow each other without a larger gap.
+
+    Of all, where few do.
+    """
+    order = np.sort(onset)
+    runs = np.split(order, np.flatnonzero(np.diff(order) > gap) + 1)
+    most = max(runs, key=len)
+    most = most if 3 * len(most) > len(order) and len(order) >= FEW else order
+    return int(most[0]), int(most[-1])
 
 
 def _quiet_from(

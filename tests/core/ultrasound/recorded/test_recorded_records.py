@@ -46,11 +46,10 @@ def read(name, *, positions=True, known_start=True):
 def test_the_acrylic_plate_is_right_or_flagged(positions, known_start):
     lines = read("LineScan2D_PinsPlexiAluSDH.mat", positions=positions, known_start=known_start)
     found = detect_recorded(lines, 2.73)
-    assert found.clipped.all()
     off = found.thickness_mm[found.ok] - 31.0
-    assert np.abs(off).max() < 1.0
-    assert abs(np.median(off)) < 0.2
-    assert found.ok.mean() > 0.8
+    assert np.abs(off).max() < 0.3  # half a cycle
+    assert found.ok.mean() > 0.85
+    assert np.abs(off).max() < 6.0 * np.median(found.sigma_mm[found.ok])
     assert not found.back_inverted  # aluminium is behind it
 
 
@@ -58,55 +57,29 @@ def test_the_acrylic_plate_is_right_or_flagged(positions, known_start):
 def test_holes_before_the_back_of_the_copper_block_are_not_taken_for_it():
     found = detect_recorded(read("CopperBlock_2degtTilt.mat"), 5.01)
     assert found.clipped.all()
-    # its front is cut off for 1.5 us: which cycle is which is not known, but the echo is
-    assert np.abs(found.thickness_mm[found.ok] - 79.0).max() < 4.0
+    # its front is cut off for 1.5 us: which cycle is which is not known, and sigma says so
+    off = found.thickness_mm[found.ok] - np.median(found.thickness_mm[found.ok])
+    assert np.abs(off).max() < 0.28  # a quarter cycle
+    assert abs(np.median(found.thickness_mm[found.ok]) - 79.0) < 3.0 * np.median(found.sigma_mm)
+    assert np.median(found.sigma_mm[found.ok]) > 0.3
+    assert found.ok.mean() > 0.85
 
 
-@pytest.mark.parametrize(("times", "bits"), [(2.0, 8), (4.0, 8), (3.0, 12)])
-def test_single_samples_at_a_limit_are_clipped(times, bits):
-    made = record(varied(COARSE, full_scale=1.0 / times, bits=bits, offset=0.0))
-    rf = made.file.rf
-    clipped = find_clipped(rf)
-    at_limit = (rf == rf.max()) | (rf == rf.min())
-    np.testing.assert_array_equal(clipped & at_limit, at_limit)
-    lone = at_limit.copy()
-    lone[:, 1:] &= ~at_limit[:, :-1]
-    lone[:, :-1] &= ~at_limit[:, 1:]
-    assert lone.sum() > 40, "else this test says nothing"
-
-
-@pytest.mark.sweep(3)
-@pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("bits", [6, 8, 12])
-def test_waves_that_just_fit_are_not_clipped(seed, bits):
-    made = record(varied(COARSE, full_scale=1.3, bits=bits, seed=seed, rough=0.0))
-    assert not find_clipped(made.file.rf).any()
-    # a burst that is sampled at the same places in each cycle, without noise
-    burst = np.zeros(400)
-    burst[100:200] = np.rint(100.0 * np.sin(2.0 * np.pi * (np.arange(100) + 0.1 * seed) / 5.0))
-    assert not find_clipped(np.repeat(burst[None], 30, axis=0)).any()
-
-
-def test_converters_that_take_turns_have_limits_of_their_own():
-    made = record(varied(COARSE, full_scale=2.0, bits=None, offset=0.0, drift=0.0))
-    rf = made.file.rf / np.abs(made.file.rf).max()
-    low = np.where(np.arange(rf.shape[1]) % 2 == 0, -0.30, -0.28)
-    high = np.where(np.arange(rf.shape[1]) % 2 == 0, 0.27, 0.31)
-    cut = np.clip(rf, low, high)
-    found, lost = find_clipped(cut), (rf <= low) | (rf >= high)
-    assert found[lost].all()
-    near = (cut < 0.985 * low) | (cut > 0.985 * high)
-    assert not found[~near].any()
+def test_waves_that_just_fit_are_not_clipped_and_those_cut_off_are():
+    fits = record(varied(COARSE, sampling_mhz=50.0, full_scale=1.3, bits=12, rough=0.0))
+    assert not find_clipped(fits.file.rf).any()
+    cut = record(varied(COARSE, sampling_mhz=50.0, full_scale=0.3, bits=8))
+    assert find_clipped(cut.file.rf).any(axis=1).all()
 
 
 @pytest.mark.sweep(2)
 @pytest.mark.parametrize(("back", "seed"), [(-0.6, 4), (-0.6, 5), (0.6, 3), (0.6, 4)])
-def test_a_back_wall_cut_off_as_much_as_the_front_turns_no_half_cycle(back, seed):
+def test_a_back_wall_cut_off_as_much_as_the_front_is_right_or_flagged(back, seed):
     made = record(varied(COARSE, full_scale=0.2, back=back, seed=seed))
     found = detect_recorded(made.file, COARSE.speed)
     off = (found.thickness_mm - made.thickness_mm)[found.ok]
     half_cycle_mm = 0.25 * COARSE.speed / COARSE.centre_mhz
-    assert abs(np.median(off)) < 0.2 * half_cycle_mm
+    assert (np.abs(off) < 0.5 * half_cycle_mm).all()
 
 
 def test_a_steep_wedge_over_a_floor_is_no_patchwork():
