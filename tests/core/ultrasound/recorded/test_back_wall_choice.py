@@ -22,8 +22,9 @@ def chosen(*echoes, cut=False):
 def test_the_first_loud_echo_is_the_back_wall():
     assert chosen(echo(8.0, 0.4)) == 0
     assert chosen(echo(8.0, 0.4), echo(16.0, 0.2)) == 0
-    # a floor behind it may be louder, but for three times
-    assert chosen(echo(8.0, 0.3), echo(12.0, 0.8)) == 0
+    # a floor behind it may be four times as loud; fewer where levels over the front mean little
+    assert chosen(echo(12.0, 0.24), echo(14.0, 0.9)) == 0
+    assert chosen(echo(12.0, 0.24), echo(14.0, 0.9), cut=True) == 1
     assert chosen(echo(12.0, 0.1), echo(14.0, 0.9)) == 1
 
 
