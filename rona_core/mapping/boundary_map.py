@@ -63,7 +63,7 @@ class CloudFit:
 class Maps:
     """Step 9: the samples, and the maps made of them, all on the same grid."""
 
-    outer_points_base: Floats  # (n, 3) one for each A-scan, those of a second pass last
+    outer_points_base: Floats  # (n, 3) one for each A-scan, those of tilted passes last
     inner_points_base: Floats  # (n, 3)
     outer_used: Bools  # (n,) went into the outer map
     inner_used: Bools  # (n,) went into the inner map

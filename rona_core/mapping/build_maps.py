@@ -110,8 +110,8 @@ def build_maps(
     Args:
         found: In the A-scans, with the poses of the probe.
         cloud_points_base: Points of the pointer (m, 3) in ``base``.
-        second: The same of a second pass. Only its inner boundary counts, and its points come last
-            in those of the maps.
+        second: The same of the tilted passes. Only their inner boundary counts, and their points
+            come last in those of the maps.
         cell_mm: Width of a cell.
         probe: That took the A-scans; None: the one that the detection names, unchanged.
         progress: Receives the share that is done, 0 to 1.
@@ -141,7 +141,7 @@ def build_outer_maps(
 ) -> OuterMaps:
     """Return what maps hold of the outer boundary; arguments and errors as of ``build_maps``.
 
-    It does not depend on the speed of sound, nor on a second pass. ``prior`` says how far off the
+    It does not depend on the speed of sound, nor on tilted passes. ``prior`` says how far off the
     cloud as a whole may be.
     """
     probe = probe or probe_model(found.detection.probe)
@@ -174,7 +174,7 @@ def add_inner_map(
     Args:
         outer: Of the same A-scans and poses as ``found``.
         found: In the A-scans, at any speed of sound.
-        second: The same of a second pass, see ``build_maps``.
+        second: The same of the tilted passes, see ``build_maps``.
     """
     detection, outer_base = found.detection, outer.points_base
     inner_base = found.points()[1] - outer.correction_mm

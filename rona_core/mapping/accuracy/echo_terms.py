@@ -13,7 +13,7 @@ from rona_core.ultrasound.probe.beam import LEAST_LEVEL, rms_roughness_mm
 from rona_core.ultrasound.probe.probe_model import ProbeModel
 
 INTERPOLATION = "interpolation"
-ROWS = "scan closer rows, or a second pass"
+ROWS = "scan closer rows, or with the probe tilted"
 NEAREST = 6  # A-scans whose time of flight and level count at a cell
 ROUGHNESS = "roughness within the beam"
 PLACES = 24  # evenly over a face, at which a plate is looked at

@@ -143,6 +143,11 @@ def _on_steel(
         clock, lambda times: T_skull_probe.repeated(len(times)), SteelFace(), medium, world=world
     )
     probe.begin(settings, seed, ordinal)
+    return _recorded(probe, clock, n)
+
+
+def _recorded(probe: VirtualProbe, clock: CaptureClock, n: int) -> AScanTrack:
+    """Return n A-scans at a steady pace; the probe is closed then."""
     scans: list[AScan] = []
     for number in range(n):
         clock.wait_until(PERIOD_S * (number + 1))
@@ -245,9 +250,4 @@ class VirtualBench:
             world=scene.world,
         )
         probe.begin(settings, scene.seed, 1000 * self._ordinal + self._block)
-        scans: list[AScan] = []
-        for number in range(n):
-            clock.wait_until(PERIOD_S * (number + 1))
-            scans.append(probe.acquire())
-        probe.close()
-        return AScanTrack.from_scans(scans)
+        return _recorded(probe, clock, n)

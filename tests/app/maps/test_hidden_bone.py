@@ -40,7 +40,7 @@ def test_maps_of_hidden_bone_are_used_but_weak_and_come_last(poor):
     found = judge_part("maps", poor)
     assert (found.state, found.holds) == ("weak", True)
     share = 100 * poor.results.maps.value.inner_share
-    assert f"in {share:.0f} % of the region after 4 tilted passes" in found.reason
+    assert f"in {share:.0f} % of the outer map after 4 tilted passes" in found.reason
     assert "2.25 MHz" in found.reason
     assert blocked(StartBedSearch, poor) is None
     whole = refused(poor, None)
@@ -52,7 +52,7 @@ def test_maps_of_hidden_bone_are_used_but_weak_and_come_last(poor):
 def test_without_an_inner_boundary_nothing_uses_the_maps(demo):
     bare = covering(demo, 0.0)
     assert judge_part("maps", bare).state == "bad"
-    assert "in 0 % of the region" in judge_part("maps", bare).reason
+    assert "in 0 % of the outer map" in judge_part("maps", bare).reason
     assert blocked(StartBedSearch, bare) is not None
     assert next_stage(bare, OFFERED).name == "maps"
 

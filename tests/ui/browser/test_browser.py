@@ -179,7 +179,8 @@ def test_ten_steps_by_hand_with_the_mouse_alone_then_saved_and_opened_again(
     surgeon.tab("A-scan")
     surgeon.picture("scan")
     surgeon.open_step("Maps")
-    for button in ("Map the boundaries", "Plan second pass", "Scan gaps", "Map with second pass"):
+    tilted = [f"Scan tilted pass {number} of 4" for number in range(1, 5)]
+    for button in ("Map the boundaries", "Plan tilted passes", *tilted, "Map with tilted passes"):
         hand.carry_out(surgeon, button)
     surgeon.wait_state("Maps", "done")
     within_limits(surgeon)

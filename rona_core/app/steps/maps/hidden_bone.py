@@ -29,7 +29,7 @@ def judge_maps(maps: Maps, session: Session) -> Judgement:
     passes = "1 tilted pass" if len(held) == 1 else f"{len(held)} tilted passes"
     words = (
         f"the bone hides its inner boundary from the {probe} probe: it is mapped in "
-        f"{100 * coverage:.0f} % of the region after {passes}, {100 * LEAST_COVERAGE:.0f} % is "
+        f"{100 * coverage:.0f} % of the outer map after {passes}, {100 * LEAST_COVERAGE:.0f} % is "
         "the least"
     )
     return Judgement("weak" if coverage > 0.0 else "bad", words, other_scan(session))

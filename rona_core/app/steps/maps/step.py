@@ -44,11 +44,9 @@ def _partial(session: Session) -> str | None:
 
 def _summary(session: Session) -> str:
     maps = session.results.maps
-    return (
-        ""
-        if maps is None
-        else f"inner boundary in {100 * maps.value.inner_share:.0f} % of the outer map"
-    )
+    if maps is None:
+        return ""
+    return f"inner boundary in {100 * maps.value.inner_share:.0f} % of the outer map"
 
 
 STEP = declare.Step(
