@@ -105,6 +105,13 @@ PROCEDURE = (
         seen_first=True,
     ),
     Stage(
+        "inner",
+        StartMapping(),
+        "second_detection",
+        "Map the boundaries",
+        offered="the inner boundary of all passes, for a caliper to be compared with",
+    ),
+    Stage(
         "caliper",
         StartCaliperMeasurements(),
         "speed",

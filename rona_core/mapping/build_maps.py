@@ -14,9 +14,9 @@ from rona_core.mapping.cloud_fusion import CloudPrior, fuse_cloud
 from rona_core.mapping.fitting.hampel_filter import agreeing
 from rona_core.mapping.fitting.plate_field import PlateField, fit_field, plate_through
 from rona_core.mapping.map_grid import NEAR_MM, MapGrid
-from rona_core.mapping.pass_fusion import LIKELY, PassFusion, fuse_passes
+from rona_core.mapping.pass_fusion import PassFusion, counting, fuse_passes
 from rona_core.mapping.scanned_area import require_area, require_share
-from rona_core.ultrasound.detection.detect import OK, UNSURE, Detection
+from rona_core.ultrasound.detection.detect import Detection
 from rona_core.ultrasound.detection.single.matched_filter import block_template
 from rona_core.ultrasound.probe.beam import probe_beam
 from rona_core.ultrasound.probe.materials import GEL
@@ -180,7 +180,7 @@ def add_inner_map(
     inner_base = found.points()[1] - outer.correction_mm
     usable = np.asarray(detection.outer_ok & detection.inner_ok & (detection.flag == 0))
     if second is not None:
-        usable = np.concatenate((_likely(detection), _likely(second.detection)))
+        usable = np.concatenate((counting(detection), counting(second.detection)))
         late = outer.late_mm * second.Ts_base_probe.rotations[:, :, 2]
         second_outer, second_inner = second.points()
         outer_base = np.vstack((outer_base, second_outer - late))
@@ -252,15 +252,6 @@ def _agreeing_among(usable: Bools, points_map: Floats) -> Bools:
     used = usable.copy()
     used[usable] = agreeing(points_map[usable, :2], points_map[usable, 2])
     return used
-
-
-def _likely(found: Detection) -> Bools:
-    """Return which A-scans count in a fusion of passes, those unsure by themselves among them.
-
-    What was set by hand keeps its flag.
-    """
-    seen = np.isin(found.flag, (OK, UNSURE)) & (found.inner_quality >= LIKELY)
-    return np.asarray(found.outer_ok & ((found.flag == OK) | seen))
 
 
 def _fused_passes(

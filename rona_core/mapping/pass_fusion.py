@@ -14,6 +14,7 @@ from scipy.spatial import KDTree
 
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.geometry.robust import MAD_TO_SIGMA
+from rona_core.ultrasound.detection.detect import OK, UNSURE, Detection
 
 PAIR_MM = 1.5  # A-scans of two passes this close are compared
 AROUND_MM = 3.0  # those this close are asked whether they agree
@@ -46,12 +47,21 @@ class PassFusion:
         return points_map + up
 
 
+def counting(found: Detection) -> Bools:
+    """Return which A-scans (n,) count where several passes look, unsure ones among them.
+
+    What was set by hand keeps its flag.
+    """
+    seen = np.isin(found.flag, (OK, UNSURE)) & (found.inner_quality >= LIKELY)
+    return np.asarray(found.outer_ok & ((found.flag == OK) | seen))
+
+
 def fuse_passes(places_mm: Floats, depths_mm: Floats, sure: Bools, passes: Ints) -> PassFusion:
     """Return the offset of each pass, and which A-scans agree with those around once it is gone.
 
     Args:
-        places_mm: Of the inner boundary in the plane of the map (n, 2).
-        depths_mm: Of the inner boundary below the outer map (n,).
+        places_mm: Of the inner boundary along the outer one (n, 2 or 3).
+        depths_mm: Of the inner boundary below the outer one (n,).
         sure: Which A-scans count (n,).
         passes: The pass of each (n,), from 0; 0 is the upright one.
     """

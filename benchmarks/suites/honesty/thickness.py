@@ -21,7 +21,8 @@ from rona_core.devices.samples import AScan, AScanTrack
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.pose import Poses
-from rona_core.mapping.build_maps import boundary_points
+from rona_core.mapping.build_maps import LocatedDetection, boundary_points
+from rona_core.mapping.echo_depths import echo_depths
 from rona_core.session.document import Session, Setup
 from rona_core.ultrasound.acoustic_calibration.reference_points import (
     lags_at,
@@ -61,7 +62,7 @@ class Patient:
     seed: int
     detection: Detection
     places_base: Floats  # (n, 3)
-    axes_base: Floats  # (n, 3)
+    poses: Poses  # (n,) of the probe, as told
     thickness_mm: Floats  # (n,) true, along the axis
     speed_mm_per_us: Floats  # (n,) true
     bench: VirtualBench
@@ -140,21 +141,22 @@ def mean_speed(patient: Patient) -> float:
 
 def calibrated(patient: Patient, points: int) -> SpeedCalibration:
     """Return the calibration at proposed places; the prior where none can be had, or a bad one."""
-    detection, places = patient.detection, patient.places_base
+    depths = echo_depths(LocatedDetection(patient.detection, patient.poses))
     try:
-        rows = propose_references(places, detection, points).scans
-        lag_us, sigma_us = lags_at(places[rows], places, detection)
+        rows = propose_references(depths, points).rows
+        places = depths.places_base[rows]
+        lag_us, sigma_us = lags_at(places, depths)
     except (DegenerateGeometryError, InvalidInputError):
         return uncalibrated()
-    caliper_mm, sigma_mm = patient.bench.measure_thickness(places[rows], patient.axes_base[rows])
+    caliper_mm, sigma_mm = patient.bench.measure_thickness(places, depths.axes_base[rows])
     known = calibrate_speed(
         caliper_mm,
         lag_us,
         thickness_sigma_mm=sigma_mm,
         lag_sigma_us=sigma_us,
-        positions_mm=places[rows],
-        region_mm=places[detection.inner_ok],
-        prior=speed_prior_for(detection, patient.centre_mhz),
+        positions_mm=places,
+        region_mm=depths.places_base,
+        prior=speed_prior_for(depths, patient.centre_mhz),
     )
     return uncalibrated() if known.verdict == "bad" else known
 
@@ -193,7 +195,7 @@ def surveyed(seed: int) -> Patient:
     speed, depth = true_bone(true, scene, medium)
     places = boundary_points(found, told)[0]
     bench, centre_mhz = VirtualBench(scene), model.centre_mhz
-    return Patient(seed, found, places, axes, depth, speed, bench, centre_mhz)
+    return Patient(seed, found, places, told, depth, speed, bench, centre_mhz)
 
 
 def _setup(seed: int) -> Setup:

@@ -25,13 +25,13 @@ from rona_core.app.steps.implant.rehearsal import (
     rehearsal_verdict,
 )
 from rona_core.app.steps.implant.view import milling_view, percent, verdict
-from rona_core.app.steps.maps.further_passes import usable_second
 from rona_core.app.steps.roll.certificate_view import (
     CertificateView,
     certificate_view,
     plan_reason,
     roll_summary,
 )
+from rona_core.app.steps.scan.derivation import usable_second
 from rona_core.app.steps.scan.landmarks.step import verification
 from rona_core.app.steps.scan.step import mounting_words
 from rona_core.app.steps.scan.view import contact_report, delay_sentence, head_report

@@ -43,13 +43,29 @@ class ReferenceProposal:
     The two standard deviations (RMS over the sure A-scans) are in mm, by the speed alone.
     """
 
-    scans: Ints  # (n,) numbers of A-scans
+    rows: Ints  # (n,) of the depths
     now_mm: float
     then_mm: float
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class EchoDepths:
+    """Depths of the inner boundary below the outer one, of n A-scans that can be trusted."""
+
+    scans: Ints  # (n,) numbers of the A-scans, those of further passes after those of the first
+    places_base: Floats  # (n, 3) on the outer boundary, above the echo
+    axes_base: Floats  # (n, 3) into the bone, which depths are along
+    depth_mm: Floats  # (n,)
+    quality: Floats  # (n,) probability that the echo is that of the inner boundary
+    sound_speed_mm_per_us: float  # that depths are at
+    common_sigma_mm: float = 0.0  # standard deviation of what all depths are off together
+
+    def __len__(self) -> int:
+        return len(self.depth_mm)
+
+
 def propose_references(
-    places_base: Floats, detection: Detection, n: int, known: SpeedCalibration | None = None
+    depths: EchoDepths, n: int, known: SpeedCalibration | None = None
 ) -> ReferenceProposal:
     """Return the A-scans at which a caliper is most informative of the thickness everywhere.
 
@@ -58,8 +74,7 @@ def propose_references(
     counts little, echoes that agree with all around them, and places far from those before.
 
     Args:
-        places_base: Where each A-scan enters the bone (m, 3).
-        detection: What was found in them.
+        depths: Of all A-scans that can be trusted (m).
         n: How many.
         known: Calibration at earlier points, which stay; None: there are none.
 
@@ -67,15 +82,13 @@ def propose_references(
         DegenerateGeometryError: too few A-scans are sure of their inner boundary.
     """
     calibration = uncalibrated() if known is None else known
-    sure = np.flatnonzero(detection.inner_ok)
-    likely = sure[detection.inner_quality[sure] >= CONFIDENT]
-    good = likely[detection.thickness_mm[likely] >= THIN_MM]
+    places, nominal = depths.places_base, depths.sound_speed_mm_per_us
+    good = np.flatnonzero((depths.quality >= CONFIDENT) & (depths.depth_mm >= THIN_MM))
     good = good[:: -(-max(len(good), 1) // MOST_CHOICES)]
-    local = _Local(places_base[sure], detection.thickness_mm[sure])
-    depth, slope, scatter = local.at(places_base[good])
-    steady = np.abs(depth - detection.thickness_mm[good]) <= ALIKE_MM
+    depth, slope, scatter = _Local(depths).at(places[good])
+    steady = np.abs(depth - depths.depth_mm[good]) <= ALIKE_MM
     steady &= scatter <= ALIKE_MM
-    steady &= _apart(places_base[good], calibration)
+    steady &= _apart(places[good], calibration)
     good, depth, slope, scatter = good[steady], depth[steady], slope[steady], scatter[steady]
     if len(good) < n:
         raise DegenerateGeometryError(
@@ -83,18 +96,17 @@ def propose_references(
             f"their neighbours and lie apart from the points there are, {n} are needed: scan "
             "another region"
         )
-    some = sure[:: -(-len(sure) // MOST_OF_REGION)]
-    weight = detection.thickness_mm[some]
-    covariance = speed_covariance(calibration, places_base[np.concatenate((good, some))])
+    some = np.arange(0, len(depths), -(-len(depths) // MOST_OF_REGION))
+    weight = depths.depth_mm[some]
+    covariance = speed_covariance(calibration, places[np.concatenate((good, some))])
     # of a speed that is measured there
-    timing_mm = calibration.prior.timing_us * detection.sound_speed_mm_per_us / 2.0
+    timing_mm = calibration.prior.timing_us * nominal / 2.0
     noise_mm = np.sqrt(CALIPER_MM**2 + _sigma_mm(depth, slope, scatter) ** 2 + timing_mm**2)
-    noise = (detection.sound_speed_mm_per_us * noise_mm / depth) ** 2
+    noise = (nominal * noise_mm / depth) ** 2
     chosen: list[int] = []
 
     def cost_mm() -> float:
-        variances = np.diag(covariance)[len(good) :]
-        share = variances / detection.sound_speed_mm_per_us**2
+        share = np.diag(covariance)[len(good) :] / nominal**2
         return float(np.sqrt(np.mean(weight**2 * share)))
 
     now_mm = cost_mm()
@@ -116,46 +128,41 @@ def _apart(places_base: Floats, known: SpeedCalibration) -> Bools:
     return np.asarray(KDTree(known.positions_mm).query(places_base)[0] > NEAR_MM)
 
 
-def lags_at(
-    places_base: Floats, scan_places_base: Floats, detection: Detection
-) -> tuple[Floats, Floats]:
+def lags_at(places_base: Floats, depths: EchoDepths) -> tuple[Floats, Floats]:
     """Return the two-way times (n,) through the bone at places (n, 3), and their sigmas in us.
 
-    Each is that of a plane through the sure A-scans around the place. Its sigma is their scatter,
-    and what the slope of that plane may cost: of a wedge, the nearest part echoes first. What all
-    lags have in common is not in it.
+    Each is that of a plane through the depths around the place. Its sigma is their scatter, and
+    what the slope of that plane may cost: of a wedge, the nearest part echoes first. What all lags
+    have in common is not in it.
 
     Raises:
         InvalidInputError: a place without a sure A-scan near it, by its number.
     """
-    sure = np.flatnonzero(detection.inner_ok)
-    if not len(sure):
+    if not len(depths):
         raise InvalidInputError("no A-scan shows an inner boundary that can be trusted")
-    away = KDTree(scan_places_base[sure]).query(places_base)[0]
+    away = KDTree(depths.places_base).query(places_base)[0]
     far = np.flatnonzero(away > NEAR_MM)
     if len(far):
         raise InvalidInputError(
             f"reference point {int(far[0]) + 1} has no A-scan with a sure inner boundary within "
             f"{NEAR_MM:g} mm: remove it, or choose another place"
         )
-    local = _Local(scan_places_base[sure], detection.thickness_mm[sure])
-    depth, slope, scatter = local.at(places_base)
-    to_us = 2.0 / detection.sound_speed_mm_per_us
+    depth, slope, scatter = _Local(depths).at(places_base)
+    to_us = 2.0 / depths.sound_speed_mm_per_us
     return depth * to_us, _sigma_mm(depth, slope, scatter) * to_us
 
 
-def speed_prior_for(detection: Detection, centre_mhz: float) -> SpeedPrior:
-    """Return the prior of a calibration by lags of a detection, with what they share.
+def speed_prior_for(depths: EchoDepths, centre_mhz: float) -> SpeedPrior:
+    """Return the prior of a calibration by lags of these depths, with what they share.
 
     Waves of an echo look alike, a period apart, and only neighbours tell them apart. Where the sure
     echoes are less likely than usual, most may have taken the same wrong wave (a cycle slip), and
     reference points with them.
     """
-    sure = detection.inner_ok
-    if not sure.any() or detection.inner_quality[sure].mean() >= LEAST_MEAN_QUALITY:
-        return PUBLISHED
-    slip_us = np.sqrt(CYCLE_SLIP_PROBABILITY) / centre_mhz
-    return replace(PUBLISHED, timing_us=float(np.hypot(TIMING_US, slip_us)))
+    common_us = 2.0 * depths.common_sigma_mm / depths.sound_speed_mm_per_us
+    if len(depths) and depths.quality.mean() < LEAST_MEAN_QUALITY:
+        common_us = np.hypot(common_us, np.sqrt(CYCLE_SLIP_PROBABILITY) / centre_mhz)
+    return replace(PUBLISHED, timing_us=float(np.hypot(TIMING_US, common_us)))
 
 
 def _sigma_mm(depth: Floats, slope: Floats, scatter: Floats) -> Floats:
@@ -178,8 +185,9 @@ def at_speed(detection: Detection, speed_mm_per_us: Floats | float) -> Detection
 class _Local:
     """A plane through the thickness of the A-scans around a place."""
 
-    def __init__(self, places: Floats, thickness_mm: Floats) -> None:
-        self._places, self._thickness, self._tree = places, thickness_mm, KDTree(places)
+    def __init__(self, depths: EchoDepths) -> None:
+        self._places, self._thickness = depths.places_base, depths.depth_mm
+        self._tree = KDTree(self._places)
 
     def at(self, places: Floats) -> tuple[Floats, Floats, Floats]:
         """Return thickness, slope and scatter (n,) at places (n, 3)."""

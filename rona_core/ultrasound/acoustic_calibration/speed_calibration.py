@@ -33,6 +33,7 @@ THIN_MM = 3.0  # below it a caliper's error is several per cent
 OUTLYING = 3.0  # standard deviations
 # A speed is good that is known to 1.5 %: on 6.5 mm of bone no more than a caliper's own 0.1 mm.
 GOOD_SHARE = 0.015
+DOUBTED_US = 3.0 * TIMING_US  # what lags share is more than a usual error of timing
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -222,10 +223,11 @@ def _judged(made: SpeedCalibration, d: Floats, measured: Floats) -> tuple[str, t
         weak.append(f"{len(d)} of {LEAST_POINTS} reference points")
     if float(np.median(d)) < THIN_MM:
         weak.append(f"the points are thin ({np.median(d):.1f} mm): choose thicker places")
-    elif made.share > GOOD_SHARE and prior.timing_us > TIMING_US:
+    elif made.share > GOOD_SHARE and prior.timing_us > DOUBTED_US:
         weak.append(
-            f"known to {100 * made.share:.1f} % only: the echoes are less likely than usual, and "
-            "all may be those of another wave. Look at their A-scans, or scan another region"
+            f"known to {100 * made.share:.1f} % only: all echoes may be early or late together, as "
+            "they are less likely than usual, or the upright pass hears none. Look at their "
+            "A-scans, or scan another region"
         )
     elif made.share > GOOD_SHARE:
         weak.append(

@@ -12,7 +12,6 @@ from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.acoustics.view import loss_words
 from rona_core.app.steps.maps.accuracy import accuracy_sentence, budgets
 from rona_core.app.steps.maps.export import EXPORTS
-from rona_core.app.steps.maps.further_passes import usable_second
 from rona_core.app.steps.maps.messages import StartMapping, StartTiltPlan, StartTiltScan
 from rona_core.app.steps.maps.view import (
     MapLayers,
@@ -21,6 +20,7 @@ from rona_core.app.steps.maps.view import (
     second_cells,
     second_view,
 )
+from rona_core.app.steps.scan.derivation import usable_second
 from rona_ui.panels.acoustics import SpeedFields
 from rona_ui.panels.handheld import HandheldControls
 from rona_ui.panels.maps.comparison import ComparisonFolder

@@ -10,6 +10,7 @@ from rona_core.app.declarations.inputs import Input, input_parts, is_missing
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.staleness import digest_of, input_digests, stale_reason
 from rona_core.app.runtime.handling import compute_result, handle
+from rona_core.app.steps.acoustics.derivation import ANY_AGAIN
 from rona_core.app.steps.acoustics.messages import CalibrateDelayLine, StartDelayLineCapture
 from rona_core.app.steps.boundaries.messages import CorrectBoundary
 from rona_core.app.steps.handheld.messages import (
@@ -17,9 +18,9 @@ from rona_core.app.steps.handheld.messages import (
     StartHandheldMapping,
     StartHandheldScan,
 )
-from rona_core.app.steps.maps.inputs import ANY_AGAIN, ANY_PASSES
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.path.messages import PaintRegion
+from rona_core.app.steps.scan.derivation import ANY_PASSES
 from rona_core.app.steps.scan.landmarks.messages import OverrideLandmarks
 from rona_core.app.steps.scan.messages import StartQuickLook
 from rona_core.compose import new_workbench

@@ -8,7 +8,7 @@ import pytest
 from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.dependencies.staleness import required, stale_reason
 from rona_core.app.runtime.session_step import Undo, recompute
-from rona_core.app.steps.acoustics.derivation import HELD_PROBE, KNOWN_SPEED
+from rona_core.app.steps.acoustics.derivation import ECHO_DEPTHS, HELD_PROBE, KNOWN_SPEED
 from rona_core.app.steps.acoustics.messages import (
     AddReferencePoint,
     CalibrateDelayLine,
@@ -18,7 +18,6 @@ from rona_core.app.steps.acoustics.messages import (
     StartDelayLineCapture,
     StartProbeSweep,
 )
-from rona_core.app.steps.acoustics.step import entry_points
 from rona_core.app.steps.acoustics.thickness_uncertainty import reference_gain, thickness_shares
 from rona_core.app.steps.acoustics.view import (
     edited_probe,
@@ -137,8 +136,8 @@ def test_the_gain_that_is_promised_is_the_one_that_comes(mapped):
     bench = new_workbench(mapped)
     bench.run(StartCaliperMeasurements())
     places = bench.session.captures.references.places_base
-    detection = mapped.results.detection.value
-    np.testing.assert_array_equal(places, entry_points(mapped, detection)[gain.scans])
+    depths = required(ECHO_DEPTHS, mapped)
+    np.testing.assert_array_equal(places, depths.places_base[np.isin(depths.scans, gain.scans)])
     bench.run(StartMapping())
     came = thickness_shares(bench.session)
     assert came.total_mm == pytest.approx(gain.then_mm, rel=0.15)

@@ -25,9 +25,8 @@ from rona_core.app.steps.handheld.messages import (
 )
 from rona_core.app.steps.handheld.places import hand_reference
 from rona_core.app.steps.maps import derivation
-from rona_core.app.steps.maps.further_passes import joined_poses
 from rona_core.app.steps.maps.messages import StartMapping
-from rona_core.app.steps.scan.derivation import PLACES, POSES
+from rona_core.app.steps.scan.derivation import PLACES, POSES, joined_poses
 from rona_core.app.steps.setup.messages import SetProbe, SetSeed, SetWorld
 from rona_core.compose import new_workbench
 from rona_core.session.document import Session

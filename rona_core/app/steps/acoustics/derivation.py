@@ -2,15 +2,26 @@
 
 from rona_core.app.declarations.inputs import Input, Quantity, given, inputs
 from rona_core.app.dependencies.judge import usable
-from rona_core.app.dependencies.staleness import capture_input, result_input
+from rona_core.app.dependencies.staleness import capture_input, result_input, stale_reason
 from rona_core.app.steps.acoustics.messages import CalibrateDelayLine, CalibrateSoundSpeed
-from rona_core.app.steps.scan.derivation import KNOWN_MOUNTING, POSES
+from rona_core.app.steps.scan.derivation import (
+    ANY_PASSES,
+    KNOWN_MOUNTING,
+    PLACES_OF_ALL,
+    SCAN,
+    Passes,
+    ProbePlaces,
+    joined_poses,
+    numbers_of,
+)
 from rona_core.app.steps.setup.capture_parts import BLOCK_PROBE, HAND_PROBE, PROBE
 from rona_core.devices.settings import ProbeSettings
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.pose import Poses
-from rona_core.mapping.build_maps import boundary_points
-from rona_core.session.captures import BlockCapture, ReferenceCapture
+from rona_core.mapping.build_maps import LocatedDetection, boundary_points
+from rona_core.mapping.echo_depths import echo_depths
+from rona_core.session.captures import BlockCapture, ReferenceCapture, ScanCapture
+from rona_core.session.memo import remember
 from rona_core.ultrasound.acoustic_calibration.delay_line import (
     DelayLine,
     calibrate_delay_line,
@@ -18,6 +29,7 @@ from rona_core.ultrasound.acoustic_calibration.delay_line import (
 )
 from rona_core.ultrasound.acoustic_calibration.probe_mounting import ProbeMounting
 from rona_core.ultrasound.acoustic_calibration.reference_points import (
+    EchoDepths,
     at_speed,
     lags_at,
     speed_prior_for,
@@ -33,6 +45,13 @@ from rona_core.ultrasound.probe.probe_model import ProbeModel, probe_model
 BLOCK: Input[BlockCapture] = capture_input("block")
 REFERENCES: Input[ReferenceCapture] = capture_input("references")
 DETECTION: Input[Detection] = result_input("detection")
+AGAIN: Input[Detection] = result_input("second_detection")
+ANY_AGAIN: Input[Detection] = Input(
+    lambda s: None if stale_reason("second_detection", s) else AGAIN.read(s),
+    "detect the boundaries",
+    optional=True,
+    counts=AGAIN.read,
+)
 KNOWN_LINE: Input[DelayLine] = Input(
     lambda s: usable("line", s), "calibrate the delay line (step 1)", optional=True
 )
@@ -75,13 +94,50 @@ class LineInputs:
     probe: ProbeSettings = given(BLOCK_PROBE, "probe")
 
 
+@remember(2)  # step 9 shows the places for a caliper whenever anything changes
+def _depths(
+    first: Detection, poses: Poses, again: Detection, passes: Passes, further: Poses
+) -> EchoDepths:
+    tilted = LocatedDetection(again, further, numbers_of(passes))
+    return echo_depths(LocatedDetection(first, poses), tilted)
+
+
+@remember(2)
+def _depths_of_one(first: Detection, poses: Poses) -> EchoDepths:
+    return echo_depths(LocatedDetection(first, poses))
+
+
+def _echo_depths(
+    first: Detection,
+    scan: ScanCapture,
+    places: ProbePlaces,
+    passes: Passes,
+    again: Detection | None,
+) -> EchoDepths:
+    poses = places.poses(scan)
+    if not passes or again is None:
+        return _depths_of_one(first, poses)
+    return _depths(first, poses, again, passes, joined_poses(places, passes))
+
+
+ECHO_DEPTHS: Quantity[EchoDepths] = Quantity(
+    _echo_depths,
+    {
+        "detection": DETECTION,
+        "capture": SCAN,
+        "places": PLACES_OF_ALL,
+        "second": ANY_PASSES,
+        "second_detection": ANY_AGAIN,
+    },
+)
+
+
 @inputs(implied=("probe", "line", "mounting", "head"))
 class SpeedInputs:
     """What the speed of sound is calibrated from."""
 
     references: ReferenceCapture = given(REFERENCES, "references")
-    detection: Detection = given(DETECTION, "detection")
-    poses: Poses = given(POSES)
+    depths: EchoDepths = given(ECHO_DEPTHS)
     probe: ProbeModel = given(ROBOT_PROBE)
 
 
@@ -91,17 +147,17 @@ def compare_with_caliper(known: SpeedInputs, message: CalibrateSoundSpeed) -> Sp
     Raises:
         InvalidInputError: a point without a sure A-scan near it, or values that no bone has.
     """
-    references, detection = known.references, known.detection
-    places, entries = references.places_base, boundary_points(detection, known.poses)[0]
-    lag_us, sigma_us = lags_at(places, entries, detection)
+    references, depths = known.references, known.depths
+    places = references.places_base
+    lag_us, sigma_us = lags_at(places, depths)
     return calibrate_speed(
         references.thickness_mm,
         lag_us,
         thickness_sigma_mm=references.sigma_mm,
         lag_sigma_us=sigma_us,
         positions_mm=places,
-        region_mm=entries[detection.inner_ok],
-        prior=speed_prior_for(detection, known.probe.centre_mhz),
+        region_mm=depths.places_base,
+        prior=speed_prior_for(depths, known.probe.centre_mhz),
     )
 
 

@@ -14,6 +14,7 @@ from rona_core.app.steps.acoustics import messages
 from rona_core.app.steps.acoustics.derivation import (
     BLOCK,
     DETECTION,
+    ECHO_DEPTHS,
     KNOWN_SPEED,
     REFERENCES,
     compare_with_caliper,
@@ -42,18 +43,16 @@ def capture_thickness(
     activity: messages.StartCaliperMeasurements, session: Session, context: ActivityContext
 ) -> ReferenceCapture:
     """Measure the thickness at well-chosen places of the scan with a caliper."""
-    detection = required(DETECTION, session)
-    poses = required(POSES, session)
-    places = entry_points(session, detection)
+    depths = required(ECHO_DEPTHS, session)
     known = KNOWN_SPEED.read(session) if activity.append else None
-    rows = propose_references(places, detection, activity.n, known).scans
+    rows = propose_references(depths, activity.n, known).rows
     ordinal = begin(session, context)
-    axes = poses.rotations[rows][:, :, 2]
-    thickness_mm, sigma_mm = context.rig.bench.measure_thickness(places[rows], axes)
+    places, axes = depths.places_base[rows], depths.axes_base[rows]
+    thickness_mm, sigma_mm = context.rig.bench.measure_thickness(places, axes)
     return ReferenceCapture(
         ordinal=ordinal,
         setup_digest=capture_setup_digest("references", session),
-        places_base=readonly(places[rows]),
+        places_base=readonly(places),
         thickness_mm=readonly(thickness_mm),
         sigma_mm=readonly(np.full(len(rows), sigma_mm)),
     )

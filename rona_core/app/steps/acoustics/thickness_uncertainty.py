@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.app.dependencies.staleness import made_of, stale_reason
-from rona_core.app.steps.scan.derivation import POSES
+from rona_core.app.dependencies.judge import fresh
+from rona_core.app.dependencies.staleness import made_of
+from rona_core.app.steps.acoustics.derivation import ECHO_DEPTHS
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.arrays import Floats, Ints
 from rona_core.geometry.pose import Poses
@@ -15,6 +16,7 @@ from rona_core.session.document import Session
 from rona_core.session.memo import remember
 from rona_core.ultrasound.acoustic_calibration.point_weights import LEAST_POINTS
 from rona_core.ultrasound.acoustic_calibration.reference_points import (
+    EchoDepths,
     ReferenceProposal,
     at_speed,
     propose_references,
@@ -100,27 +102,23 @@ def reference_gain(session: Session, n: int = LEAST_POINTS) -> ReferenceGain | N
     The points there are stay. None before step 9, where its detection is stale, or where no n
     places are thick and sure enough.
     """
-    shares, poses = thickness_shares(session), POSES.read(session)
-    detection = session.results.detection
-    if shares is None or poses is None or detection is None:
+    shares, depths = thickness_shares(session), ECHO_DEPTHS.read(session)
+    if shares is None or depths is None or fresh("detection", session) is None:
         return None
-    if stale_reason("detection", session) is not None:
-        return None
-    proposal = _proposal(detection.value, poses, speed_of_maps(session), n)
+    proposal = _proposal(depths, speed_of_maps(session), n)
     if proposal is None:
         return None
     rest = shares.timing_mm**2 + shares.wedge_mm**2
     now_mm, then_mm = (float((rest + by**2) ** 0.5) for by in (proposal.now_mm, proposal.then_mm))
-    return ReferenceGain(proposal.scans, now_mm, then_mm)
+    return ReferenceGain(depths.scans[proposal.rows], now_mm, then_mm)
 
 
 @remember(4)
 def _proposal(
-    detection: Detection, poses: Poses, known: SpeedCalibration | None, n: int
+    depths: EchoDepths, known: SpeedCalibration | None, n: int
 ) -> ReferenceProposal | None:
-    places = boundary_points(detection, poses)[0]
     try:
-        return propose_references(places, detection, n, known)
+        return propose_references(depths, n, known)
     except DegenerateGeometryError:
         return None
 

@@ -9,10 +9,10 @@ from rona_core.app.declarations.inputs import Input, Quantity
 from rona_core.app.dependencies.judge import judge
 from rona_core.app.dependencies.references import HeadReference
 from rona_core.app.dependencies.staleness import made_of, required, result_input
-from rona_core.app.steps.acoustics.derivation import DETECTION, KNOWN_LINE
+from rona_core.app.steps.acoustics.derivation import AGAIN, DETECTION, KNOWN_LINE
 from rona_core.app.steps.acoustics.thickness_uncertainty import speed_of_maps
 from rona_core.app.steps.maps.error_budget import ErrorBudget, error_budgets
-from rona_core.app.steps.maps.inputs import AGAIN, CLOUD_PRIOR, EDITS, MAPS
+from rona_core.app.steps.maps.inputs import CLOUD_PRIOR, EDITS, MAPS
 from rona_core.app.steps.scan.derivation import HEAD, KNOWN_MOUNTING, PLACES, SCAN, ProbePlaces
 from rona_core.app.steps.setup.capture_parts import MODEL, PROBE, TRACKER_PROFILE
 from rona_core.app.steps.surface.derivation import SURFACE

@@ -3,13 +3,10 @@
 from dataclasses import dataclass, replace
 from functools import partial
 
-import numpy as np
-
 from rona_core.app.steps.acoustics.derivation import first_speed, with_known_speed
-from rona_core.app.steps.maps.further_passes import Passes, joined_poses
 from rona_core.app.steps.maps.inputs import FirstPass, FirstSurvey, FurtherSurvey, MapsInputs
 from rona_core.app.steps.maps.messages import StartMapping
-from rona_core.app.steps.scan.derivation import ProbePlaces
+from rona_core.app.steps.scan.derivation import Passes, ProbePlaces, joined_poses, numbers_of
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.devices.samples import AScanTrack
 from rona_core.devices.settings import Excitation
@@ -155,8 +152,7 @@ def further_detection(
     if not passes or again is None:
         return None
     edited = corrected(again, edits, "second", first.probe)
-    numbers = np.repeat(np.arange(len(passes)), [len(one.scans) for one in passes])
-    return LocatedDetection(edited, joined_poses(places, passes), numbers)
+    return LocatedDetection(edited, joined_poses(places, passes), numbers_of(passes))
 
 
 def both_maps(outer: OuterMaps, found: LocatedDetection, further: LocatedDetection | None) -> Maps:

@@ -4,11 +4,24 @@ from dataclasses import dataclass
 
 from rona_core.app.declarations.inputs import Input, Quantity, given, inputs
 from rona_core.app.dependencies.staleness import result_input, stale_reason
-from rona_core.app.steps.acoustics.derivation import DETECTION, KNOWN_SPEED, ROBOT_PROBE
-from rona_core.app.steps.maps.further_passes import Passes, usable_second
+from rona_core.app.steps.acoustics.derivation import (
+    ANY_AGAIN,
+    DETECTION,
+    KNOWN_SPEED,
+    ROBOT_PROBE,
+)
 from rona_core.app.steps.path.inputs import PAINTED
 from rona_core.app.steps.roll.inputs import DRIVEN, Driven
-from rona_core.app.steps.scan.derivation import PLACES, PLACES_OF_ALL, POSES, SCAN, ProbePlaces
+from rona_core.app.steps.scan.derivation import (
+    ANY_PASSES,
+    PASSES,
+    PLACES,
+    PLACES_OF_ALL,
+    POSES,
+    SCAN,
+    Passes,
+    ProbePlaces,
+)
 from rona_core.app.steps.setup.capture_parts import PROBE, TRACKER_PROFILE
 from rona_core.app.steps.surface.derivation import SURFACE
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
@@ -31,29 +44,13 @@ from rona_core.ultrasound.probe.probe_model import ProbeModel
 MAPS: Input[Maps] = result_input("maps")
 ROLL: Input[RobotPlan] = result_input("roll")
 SECOND: Input[SecondPass] = result_input("second")
-AGAIN: Input[Detection] = result_input("second_detection")
 
-PASSES: Input[Passes] = Input(
-    usable_second, None, "capture second", counts=lambda s: s.captures.second
-)
-ANY_PASSES: Input[Passes] = Input(
-    usable_second,
-    "scan with the probe tilted (step 9)",
-    optional=True,
-    counts=lambda s: s.captures.second,
-)
 EDITS = Input(lambda s: s.boundary_edits.without("hand"), "scan (step 8)")
 FIRST_EDITS = Input(lambda s: s.boundary_edits.of("first"), "scan (step 8)")
 OUTER_EDITS = Input(lambda s: s.boundary_edits.of("first", "outer"), "scan (step 8)")
 FURTHER_EDITS = Input(lambda s: s.boundary_edits.of("second"), "scan (step 8)")
 
 
-ANY_AGAIN: Input[Detection] = Input(
-    lambda s: None if stale_reason("second_detection", s) else AGAIN.read(s),
-    "detect the boundaries",
-    optional=True,
-    counts=AGAIN.read,
-)
 ANY_PLAN: Input[SecondPass] = Input(
     lambda s: None if stale_reason("second", s) else SECOND.read(s),
     "plan a further pass",

@@ -6,9 +6,8 @@ import numpy as np
 
 from rona_core.app.dependencies.staleness import required, stale_reason
 from rona_core.app.steps.acoustics.derivation import DETECTION, ROBOT_PROBE
-from rona_core.app.steps.maps.further_passes import joined_poses, joined_scans
 from rona_core.app.steps.maps.inputs import MAPS
-from rona_core.app.steps.scan.derivation import PLACES, POSES, SCAN
+from rona_core.app.steps.scan.derivation import PLACES, POSES, SCAN, joined_poses, joined_scans
 from rona_core.devices.samples import AScanTrack
 from rona_core.devices.settings import Excitation
 from rona_core.errors import StaleResultError

@@ -7,18 +7,19 @@ import numpy as np
 from rona_core.app.declarations.inputs import Input, Quantity, given, inputs
 from rona_core.app.dependencies.judge import usable
 from rona_core.app.dependencies.references import HeadReference, HeadWatch, head_input
-from rona_core.app.dependencies.staleness import capture_input
+from rona_core.app.dependencies.staleness import capture_input, stale_reason
 from rona_core.app.steps.scan.messages import CalibrateProbeMounting, StartQuickLook
 from rona_core.app.steps.setup.capture_parts import BLOCK_PROBE, MODEL, PROBE
 from rona_core.calibration.timing.robot_latency import PoseDelay
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.devices.samples import AScanTrack
 from rona_core.devices.settings import ProbeSettings
-from rona_core.geometry.arrays import Floats
+from rona_core.geometry.arrays import Floats, Ints
 from rona_core.geometry.pose import Poses
 from rona_core.mapping.probe_poses import ProbePostures, face_poses, pose_delay, probe_postures
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.captures import ScanCapture
+from rona_core.session.document import Session
 from rona_core.session.memo import remember
 from rona_core.ultrasound.acoustic_calibration.probe_mounting import (
     ProbeMounting,
@@ -26,6 +27,8 @@ from rona_core.ultrasound.acoustic_calibration.probe_mounting import (
 )
 from rona_core.ultrasound.detection.probe_choice import QuickLook, compare
 from rona_core.ultrasound.probe.probe_model import ProbeSurvey, probe_model
+
+Passes = tuple[ScanCapture, ...]  # further ones, with the probe tilted
 
 SCAN: Input[ScanCapture] = capture_input("scan")
 KNOWN_MOUNTING: Input[ProbeMounting] = Input(
@@ -103,6 +106,47 @@ DELAY: Quantity[PoseDelay] = Quantity(
 )
 PLACES, PLACES_OF_ALL = _places_of(HEAD), _places_of(HEAD_OF_ALL)
 POSES: Quantity[Poses] = Quantity(_first_poses, {"capture": SCAN, "places": PLACES})
+
+
+def usable_second(session: Session) -> Passes:
+    """Return the further passes; none where they are of another scan or set-up."""
+    held = session.captures.second
+    return () if not held or stale_reason("capture second", session) else held
+
+
+PASSES: Input[Passes] = Input(
+    usable_second, None, "capture second", counts=lambda s: s.captures.second
+)
+ANY_PASSES: Input[Passes] = Input(
+    usable_second,
+    "scan with the probe tilted (step 9)",
+    optional=True,
+    counts=lambda s: s.captures.second,
+)
+
+
+def numbers_of(passes: Passes) -> Ints:
+    """Return the number of the pass of each A-scan, from 0, one pass after the other."""
+    return np.repeat(np.arange(len(passes)), [len(one.scans) for one in passes])
+
+
+@remember(4)  # what is made of the A-scans is remembered by their identity
+def joined_scans(passes: Passes) -> AScanTrack:
+    """Return the A-scans of at least one pass, one pass after the other."""
+    return AScanTrack.joined([one.scans for one in passes])
+
+
+def joined_poses(places: ProbePlaces, passes: Passes) -> Poses:
+    """Return the pose of the probe in ``base`` at each A-scan of at least one pass.
+
+    Each pass has its own joint angles, clock and motion of the head.
+    """
+    return _joined(tuple(places.poses(one) for one in passes))
+
+
+@remember(4)
+def _joined(parts: tuple[Poses, ...]) -> Poses:
+    return Poses.joined(parts)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
