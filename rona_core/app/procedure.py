@@ -104,13 +104,7 @@ PROCEDURE = (
         offered="the inner boundary where an upright probe misses it, and fewer wrong echoes",
         seen_first=True,
     ),
-    Stage(
-        "inner",
-        StartMapping(),
-        "second_detection",
-        "Map the boundaries",
-        offered="the inner boundary of all passes, for a caliper to be compared with",
-    ),
+    Stage("maps", StartMapping(), "maps", "Map the boundaries", ends_weak=True),
     Stage(
         "caliper",
         StartCaliperMeasurements(),
@@ -118,7 +112,6 @@ PROCEDURE = (
         "Measure with caliper",
         offered="the speed of sound of this bone in place of the published mean",
     ),
-    Stage("maps", StartMapping(), "maps", "Map the boundaries", ends_weak=True),
     Stage(
         "burr",
         StartBurrCapture(),
@@ -172,7 +165,7 @@ def stages(until: str, *messages: Message, skip: Collection[str] = ()) -> Stages
     return chosen
 
 
-TO_MAPS = stages("maps")
+TO_MAPS = stages("caliper")  # which the maps are made anew with
 
 
 def next_stage(

@@ -20,7 +20,7 @@ from rona_core.session.document import Session
 
 SEEDS = range(30_000, 30_006)
 WARMER_K, OFF_MM = 10.0, 0.3
-ONE_PASS = stages("maps", skip=("tilts", "tilted"))
+ONE_PASS = stages("caliper", skip=("tilts", "tilted"))
 GOAL_RMS_MM, GOAL_BIAS_MM = 0.08, 0.05
 
 

@@ -31,7 +31,7 @@ from rona_core.app.steps.roll.certificate_view import (
     plan_reason,
     roll_summary,
 )
-from rona_core.app.steps.scan.derivation import usable_second
+from rona_core.app.steps.scan.inputs import usable_second
 from rona_core.app.steps.scan.landmarks.step import verification
 from rona_core.app.steps.scan.step import mounting_words
 from rona_core.app.steps.scan.view import contact_report, delay_sentence, head_report

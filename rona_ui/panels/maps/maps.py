@@ -20,7 +20,7 @@ from rona_core.app.steps.maps.view import (
     second_cells,
     second_view,
 )
-from rona_core.app.steps.scan.derivation import usable_second
+from rona_core.app.steps.scan.inputs import usable_second
 from rona_ui.panels.acoustics import SpeedFields
 from rona_ui.panels.handheld import HandheldControls
 from rona_ui.panels.maps.comparison import ComparisonFolder

@@ -20,7 +20,7 @@ from rona_core.app.steps.handheld.messages import (
 )
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.path.messages import PaintRegion
-from rona_core.app.steps.scan.derivation import ANY_PASSES
+from rona_core.app.steps.scan.inputs import ANY_PASSES
 from rona_core.app.steps.scan.landmarks.messages import OverrideLandmarks
 from rona_core.app.steps.scan.messages import StartQuickLook
 from rona_core.compose import new_workbench
@@ -184,8 +184,8 @@ def outdated(session: Session, name: str) -> Session:
     return session.with_capture(capture, replace(held, setup_digest="of another set-up"))
 
 
-# Maps are of the detection that is held, and are stale with it: its inputs are among theirs.
-HELD = ("detection of further passes", "second_detection")
+# Maps and speed are of the detection that is held: its inputs are among theirs.
+HELD = {("detection of further passes", "second_detection"), ("speed", "second_detection")}
 
 
 def handed_stale(session: Session, name: str) -> list[tuple[str, str]]:
@@ -214,7 +214,7 @@ def handed_stale(session: Session, name: str) -> list[tuple[str, str]]:
             stale_with_it = any(stale_reason(upstream, after) for upstream in behind)
             made_first = one in first and not item.optional
             fine = is_missing(item.read(after)) or stale_with_it or made_first
-            if not fine and (key, one) != HELD:
+            if not fine and (key, one) not in HELD:
                 found.append((key, one))
     return found
 

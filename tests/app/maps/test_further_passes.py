@@ -24,7 +24,8 @@ from rona_core.app.steps.maps.accuracy import map_accuracy
 from rona_core.app.steps.maps.error_budget import error_budgets
 from rona_core.app.steps.maps.messages import StartMapping, StartTiltPlan, StartTiltScan
 from rona_core.app.steps.maps.view import second_cells, second_view
-from rona_core.app.steps.scan.derivation import PLACES, joined_poses, joined_scans, usable_second
+from rona_core.app.steps.scan.derivation import PLACES, joined_poses, joined_scans
+from rona_core.app.steps.scan.inputs import usable_second
 from rona_core.app.steps.scan.planned_motion import joints_at, replayed
 from rona_core.app.steps.scan.view import head_report
 from rona_core.compose import new_workbench

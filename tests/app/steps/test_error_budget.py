@@ -10,7 +10,7 @@ from rona_core.app.steps.maps.accuracy import map_accuracy
 from rona_core.app.steps.maps.error_budget import OUTER, THICKNESS, error_budgets
 from rona_core.compose import build_virtual_rig, evaluate_virtual
 from rona_core.evaluation.map_metrics import cells, outer_errors_mm
-from rona_core.evaluation.scan_metrics import true_probe_poses
+from rona_core.evaluation.scan_metrics import WRONG_MM, true_probe_poses
 from rona_core.evaluation.truth import truth_of
 from rona_core.session.document import Session
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import speed_at
@@ -80,7 +80,7 @@ def test_what_all_echoes_have_in_common_counts_with_the_mean_speed(demo, figures
     ]
     taken = speed_at(demo.results.speed.value, maps.outer_points_base[:n])[0]
     errors = found.thickness_mm * taken / found.sound_speed_mm_per_us - depth
-    sure = maps.inner_used[:n] & (np.abs(errors) < 1.0)
+    sure = maps.inner_used[:n] & (np.abs(errors) < WRONG_MM)
     assert figures["thickness_by_speed_mm"] == pytest.approx(abs(errors[sure].mean()), abs=0.02)
 
 

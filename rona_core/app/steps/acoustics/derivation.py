@@ -5,15 +5,14 @@ from rona_core.app.dependencies.judge import usable
 from rona_core.app.dependencies.staleness import capture_input, result_input, stale_reason
 from rona_core.app.steps.acoustics.messages import CalibrateDelayLine, CalibrateSoundSpeed
 from rona_core.app.steps.scan.derivation import (
-    ANY_PASSES,
     KNOWN_MOUNTING,
     PLACES_OF_ALL,
     SCAN,
-    Passes,
     ProbePlaces,
     joined_poses,
     numbers_of,
 )
+from rona_core.app.steps.scan.inputs import ANY_PASSES, Passes
 from rona_core.app.steps.setup.capture_parts import BLOCK_PROBE, HAND_PROBE, PROBE
 from rona_core.devices.settings import ProbeSettings
 from rona_core.errors import InvalidInputError

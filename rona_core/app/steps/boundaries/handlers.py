@@ -7,7 +7,8 @@ from rona_core.app.dependencies.staleness import made_of, required
 from rona_core.app.steps.acoustics.derivation import HELD_PROBE, ROBOT_PROBE
 from rona_core.app.steps.boundaries.messages import ClearBoundaryCorrections, CorrectBoundary
 from rona_core.app.steps.handheld.inputs import POSED
-from rona_core.app.steps.scan.derivation import Passes, joined_scans
+from rona_core.app.steps.scan.derivation import joined_scans
+from rona_core.app.steps.scan.inputs import Passes
 from rona_core.devices.samples import AScanTrack
 from rona_core.errors import InvalidInputError, StepBlockedError
 from rona_core.session.captures import ScanCapture, SonoCapture

@@ -6,7 +6,8 @@ from functools import partial
 from rona_core.app.steps.acoustics.derivation import first_speed, with_known_speed
 from rona_core.app.steps.maps.inputs import FirstPass, FirstSurvey, FurtherSurvey, MapsInputs
 from rona_core.app.steps.maps.messages import StartMapping
-from rona_core.app.steps.scan.derivation import Passes, ProbePlaces, joined_poses, numbers_of
+from rona_core.app.steps.scan.derivation import ProbePlaces, joined_poses, numbers_of
+from rona_core.app.steps.scan.inputs import Passes
 from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.devices.samples import AScanTrack
 from rona_core.devices.settings import Excitation

@@ -5,7 +5,7 @@ from dataclasses import replace
 from rona_core.app.declarations.declarations import USABLE, Judgement, Remedy
 from rona_core.app.steps.maps.messages import StartTiltPlan, StartTiltScan
 from rona_core.app.steps.roll.certificate_view import why_no_plan
-from rona_core.app.steps.scan.derivation import Passes, usable_second
+from rona_core.app.steps.scan.inputs import Passes, usable_second
 from rona_core.session.captures import ScanCapture
 from rona_core.session.document import SecondPass, Session
 

@@ -3,7 +3,7 @@
 from dataclasses import asdict
 
 from rona_core.app.declarations.declarations import USABLE, Judgement, Remedy
-from rona_core.app.steps.scan.derivation import usable_second
+from rona_core.app.steps.scan.inputs import usable_second
 from rona_core.app.steps.scan.messages import StartQuickLook
 from rona_core.app.steps.scan.quick_look import probe_advice
 from rona_core.app.steps.setup.messages import SetProbe

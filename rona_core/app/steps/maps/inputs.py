@@ -12,16 +12,8 @@ from rona_core.app.steps.acoustics.derivation import (
 )
 from rona_core.app.steps.path.inputs import PAINTED
 from rona_core.app.steps.roll.inputs import DRIVEN, Driven
-from rona_core.app.steps.scan.derivation import (
-    ANY_PASSES,
-    PASSES,
-    PLACES,
-    PLACES_OF_ALL,
-    POSES,
-    SCAN,
-    Passes,
-    ProbePlaces,
-)
+from rona_core.app.steps.scan.derivation import PLACES, PLACES_OF_ALL, POSES, SCAN, ProbePlaces
+from rona_core.app.steps.scan.inputs import ANY_PASSES, PASSES, Passes
 from rona_core.app.steps.setup.capture_parts import PROBE, TRACKER_PROFILE
 from rona_core.app.steps.surface.derivation import SURFACE
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration

@@ -8,7 +8,7 @@ from scipy.spatial import KDTree
 
 from rona_core.app.dependencies.staleness import made_of, stale_reason
 from rona_core.app.steps.maps.further_passes import judge_plan
-from rona_core.app.steps.scan.derivation import usable_second
+from rona_core.app.steps.scan.inputs import usable_second
 from rona_core.geometry.arrays import Bools, Floats, readonly
 from rona_core.mapping.accuracy.map_accuracy import CellSigma, MapAccuracy
 from rona_core.mapping.boundary_map import BoundaryMap, Maps

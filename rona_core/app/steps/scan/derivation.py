@@ -7,7 +7,8 @@ import numpy as np
 from rona_core.app.declarations.inputs import Input, Quantity, given, inputs
 from rona_core.app.dependencies.judge import usable
 from rona_core.app.dependencies.references import HeadReference, HeadWatch, head_input
-from rona_core.app.dependencies.staleness import capture_input, stale_reason
+from rona_core.app.dependencies.staleness import capture_input
+from rona_core.app.steps.scan.inputs import Passes
 from rona_core.app.steps.scan.messages import CalibrateProbeMounting, StartQuickLook
 from rona_core.app.steps.setup.capture_parts import BLOCK_PROBE, MODEL, PROBE
 from rona_core.calibration.timing.robot_latency import PoseDelay
@@ -19,7 +20,6 @@ from rona_core.geometry.pose import Poses
 from rona_core.mapping.probe_poses import ProbePostures, face_poses, pose_delay, probe_postures
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.captures import ScanCapture
-from rona_core.session.document import Session
 from rona_core.session.memo import remember
 from rona_core.ultrasound.acoustic_calibration.probe_mounting import (
     ProbeMounting,
@@ -27,8 +27,6 @@ from rona_core.ultrasound.acoustic_calibration.probe_mounting import (
 )
 from rona_core.ultrasound.detection.probe_choice import QuickLook, compare
 from rona_core.ultrasound.probe.probe_model import ProbeSurvey, probe_model
-
-Passes = tuple[ScanCapture, ...]  # further ones, with the probe tilted
 
 SCAN: Input[ScanCapture] = capture_input("scan")
 KNOWN_MOUNTING: Input[ProbeMounting] = Input(
@@ -106,23 +104,6 @@ DELAY: Quantity[PoseDelay] = Quantity(
 )
 PLACES, PLACES_OF_ALL = _places_of(HEAD), _places_of(HEAD_OF_ALL)
 POSES: Quantity[Poses] = Quantity(_first_poses, {"capture": SCAN, "places": PLACES})
-
-
-def usable_second(session: Session) -> Passes:
-    """Return the further passes; none where they are of another scan or set-up."""
-    held = session.captures.second
-    return () if not held or stale_reason("capture second", session) else held
-
-
-PASSES: Input[Passes] = Input(
-    usable_second, None, "capture second", counts=lambda s: s.captures.second
-)
-ANY_PASSES: Input[Passes] = Input(
-    usable_second,
-    "scan with the probe tilted (step 9)",
-    optional=True,
-    counts=lambda s: s.captures.second,
-)
 
 
 def numbers_of(passes: Passes) -> Ints:
