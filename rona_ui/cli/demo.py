@@ -134,6 +134,10 @@ def _print_figures(figures: dict[str, Any], session: Session) -> None:
         )
     console = Console()
     console.print(table)
+    for row in quality_rows(figures, session):
+        if row.remedy is not None:
+            words = f"{row.title}: {row.verdict}. What helps: {row.remedy.words}"
+            console.print(Text(words, COLOURS[row.verdict]), soft_wrap=True)
     if figures.get("completed"):
         console.print(f"completed in {figures.get('wall_s', 0.0):.0f} s", highlight=False)
     else:

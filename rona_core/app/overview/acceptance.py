@@ -4,10 +4,12 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from rona_core.app.declarations.declarations import Remedy
 from rona_core.app.declarations.figures import FIGURES, PREDICTED, SECTIONS, Figure, Sense
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.dependencies.staleness import CAPTURE, stale_reason
+from rona_core.app.overview.figure_remedies import figure_remedy
 from rona_core.app.steps.scan.landmarks.step import verification
 from rona_core.app.steps.scan.view import unwatched
 from rona_core.session.document import Session
@@ -35,6 +37,7 @@ class QualityRow:
     step: str  # that it judges
     reason: str = ""  # why it does not pass, where that is known
     stale_reason: str | None = None  # why it is left out
+    remedy: Remedy | None = None  # what mends it, where it does not pass
 
     @property
     def sentence(self) -> str:
@@ -69,6 +72,12 @@ class Judgement:
     verdict: Verdict
     missed: tuple[QualityRow, ...]  # the worst first
 
+    @property
+    def remedy(self) -> Remedy | None:
+        """What mends the worst of them that a message mends, else the worst that words do."""
+        known = [row.remedy for row in self.missed if row.remedy is not None]
+        return next((one for one in known if one.message is not None), known[0] if known else None)
+
 
 @dataclass(frozen=True, slots=True)
 class QualitySection:
@@ -89,6 +98,7 @@ class QualityTable:
 
 ELSEWHERE = ("Outer boundary by cause", "Thickness by cause", "The run as a whole")
 OWN_WORD: dict[str, Verdict] = {"good": "pass", "weak": "review", "bad": "fail"}
+MISSED = ("fail", "review")
 WORST_FIRST: tuple[Verdict, ...] = ("fail", "review", "pass", "none")
 CONTRADICTED = "the caliper contradicts the echoes, so the inner map may be of another boundary"
 VOXELS = (
@@ -166,6 +176,7 @@ def _row(
         step=_step_of(figure.of),
         reason=reason,
         stale_reason=stale,
+        remedy=None if session is None or judged not in MISSED else figure_remedy(key, session),
     )
 
 
@@ -214,7 +225,7 @@ def worst(verdicts: Iterable[Verdict]) -> Verdict:
 def judgement(rows: Iterable[QualityRow], step: str) -> Judgement:
     """Return what the figures of a step come to."""
     own = [row for row in rows if row.step == step]
-    missed = [row for row in own if row.verdict in ("fail", "review")]
+    missed = [row for row in own if row.verdict in MISSED]
     missed.sort(key=lambda row: WORST_FIRST.index(row.verdict))
     return Judgement(worst(row.verdict for row in own), tuple(missed))
 

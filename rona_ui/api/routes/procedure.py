@@ -81,11 +81,12 @@ def _state(stage: Stage, session: Session) -> StageState:
         state=found.state,
         reason=found.reason,
         remedy=None if found.remedy is None else found.remedy.words,
-        message=None if message is None else _sent(message),
+        message=None if message is None else sent(message),
     )
 
 
-def _sent(message: Message) -> Sent:
+def sent(message: Message) -> Sent:
+    """Return how a message is sent."""
     name = type(message).__name__
     kind = "commands" if name in REGISTRY.command_types else "jobs"
     return Sent(kind, name, serialize_arguments(message))

@@ -11,10 +11,11 @@ import numpy as np
 from fastapi import APIRouter, Path, Query, Response
 from fastapi.responses import HTMLResponse
 
+from rona_core.app.declarations.figures import Sense
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.judge import StepState, step_states
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.overview.acceptance import QualityRow, quality_rows
+from rona_core.app.overview.acceptance import QualityRow, Verdict, quality_rows
 from rona_core.app.overview.frame_graph import frame_rows
 from rona_core.app.report.page import POLICY
 from rona_core.app.report.report import workbench_report
@@ -31,6 +32,7 @@ from rona_core.session.document import Session
 from rona_ui.api.answers import NPY, FastJson, array_in, described, npy_of, plain
 from rona_ui.api.bodies import BodyRoute
 from rona_ui.api.context import Bench
+from rona_ui.api.routes.procedure import Sent, sent
 
 router = APIRouter(route_class=BodyRoute, tags=["results"])
 
@@ -219,14 +221,47 @@ def list_frames(bench: Bench) -> list[FrameInfo]:
     ]
 
 
+@dataclass(frozen=True, slots=True)
+class FigureRow:
+    """One figure of a session and its verdict; one of a stale result has no value."""
+
+    key: str
+    title: str
+    value: float | int | str | bool | None
+    unit: str
+    decimals: int
+    limit: float | None
+    sense: Sense
+    verdict: Verdict
+    paper: float | None
+    section: str  # of the table of figures
+    says: str  # what it means
+    step: str  # that it judges
+    reason: str  # why it does not pass, where that is known
+    stale_reason: str | None  # why it is left out
+    remedy: str | None  # what mends it, in words; null where it passes or nothing is known to
+    message: Sent | None  # that does it; null where a person must act
+
+
 @router.get("/sessions/{session_id}/quality")
-def list_figures(bench: Bench) -> list[QualityRow]:
-    """Return every figure against ground truth: value, unit, limit and verdict.
+def list_figures(bench: Bench) -> list[FigureRow]:
+    """Return every figure against ground truth: value, unit, limit, verdict and what mends it.
 
     `value` is null while a step is missing, or where the devices are real.
     """
-    rows = quality_rows(bench.figures(), bench.session)
-    return [dataclasses.replace(row, value=plain(row.value)) for row in rows]
+    return [_figure_row(row) for row in quality_rows(bench.figures(), bench.session)]
+
+
+def _figure_row(row: QualityRow) -> FigureRow:
+    names = {field.name for field in dataclasses.fields(row)} - {"value", "remedy"}
+    remedy = row.remedy
+    message = None if remedy is None else remedy.message
+    return FigureRow(
+        **{name: getattr(row, name) for name in names},
+        value=plain(row.value),
+        remedy=None if remedy is None else remedy.words,
+        message=None if message is None else sent(message),
+    )
 
 
 @router.get("/sessions/{session_id}/report", response_class=HTMLResponse)

@@ -17,7 +17,7 @@ from rona_core.app.steps.scan.planned_motion import motion_stale, motion_times
 from rona_ui.labels import doing
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
-from rona_ui.panels.widgets.step_panel import JudgementNote, StepPanel, judged
+from rona_ui.panels.widgets.step_panel import GO_ON, JudgementNote, StepPanel, judged
 from rona_ui.presentation.shown import (
     probe_on_bone,
     replay_duration_s,
@@ -29,7 +29,7 @@ from rona_ui.presentation.view_state import ViewState
 from rona_ui.viewer.bindings import escape
 
 FOLLOWED = ("job", "steps", "view", "figures", "judged", "computing")  # by the run bar
-GO_ON, STOP = (0, 105, 77), (176, 0, 32)
+STOP = (176, 0, 32)
 
 
 class StepList:
@@ -55,13 +55,16 @@ class StepList:
 
 
 def row(state: StepState, active: bool, found: FiguresJudgement) -> str:
-    """Return one row of the list; figures that do not pass come before what the step made."""
+    """Return one row of the list; a step whose figures fail is not done."""
     icon, word, color = style.STATES[state.state]
     reason = "" if state.reason == state.state else state.reason
     mark = ""
     if found.missed and state.state in ("done", "partial", "ready"):
         reason = "; ".join((*(row.sentence for row in found.missed), reason))
-        mark = style.verdict(found.verdict) + "&ensp;"
+        if found.verdict == "fail" and state.state == "done":  # it is not, before that is mended
+            icon, word, color = style.VERDICTS["fail"]
+        else:
+            mark = style.verdict(found.verdict) + "&ensp;"
     return (
         f'<div class="r-step{" on" if active else ""}" title="{escape(reason)}">'
         f'<span class="i" style="color:{color}">{icon}</span>'
@@ -211,7 +214,8 @@ class RunBar:
         offers = stage is not None and not busy and not drawing and self._may_start(stage, new)
         self._continue.visible = offers
         self._skip.visible = offers and stage is not None and bool(stage.offered)
-        self._next.color = "gray" if partial or offers else GO_ON
+        failed = judged(new, step).verdict == "fail"  # its remedy comes first
+        self._next.color = "gray" if partial or offers or failed else GO_ON
         if after is not None:
             self._next.label = f"Next: {new.step(after).number} {new.step(after).title}"
         self._offer.content = ""
@@ -230,8 +234,8 @@ class RunBar:
             return False
         if stage.step == self._step:
             return not is_primary(stage)  # that has its own button
-        passed = new.step(self._step).state == "done" and not judged(new, self._step).missed
-        return passed and not stage.seen_first
+        failed = judged(new, self._step).verdict == "fail"
+        return new.step(self._step).state == "done" and not failed and not stage.seen_first
 
 
 def is_primary(stage: Stage) -> bool:

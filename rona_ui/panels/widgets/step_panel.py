@@ -3,7 +3,7 @@
 from typing import Any, ClassVar
 
 from rona_core.app.declarations.declarations import Judgement as InputJudgement
-from rona_core.app.declarations.declarations import Message
+from rona_core.app.declarations.declarations import Message, Remedy
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.overview.acceptance import (
     Judgement,
@@ -19,6 +19,7 @@ from rona_ui.panels.widgets.form import Form
 from rona_ui.panels.widgets.panel_context import PanelContext
 from rona_ui.presentation.snapshot import Snapshot, changed
 
+GO_ON = (0, 105, 77)  # what to do now
 MAX_LISTED = 3  # figures in a note
 FOLLOWED = ("session", "view", "busy", "figures", "judged", "static_scene")  # by the remarks
 
@@ -52,6 +53,9 @@ def missed_note(found: Judgement) -> str:
     lines = [row.sentence for row in found.missed[:MAX_LISTED]]
     more = len(found.missed) - MAX_LISTED
     lines += [f"and {more} more, see Quality"] if more > 0 else []
+    remedy = found.remedy
+    if remedy is not None and remedy.message is None:
+        lines.append(f"What helps: {remedy.words}")
     return style.note(f"{icon} {word}. {'. '.join(lines)}.", "warn")
 
 
@@ -59,7 +63,7 @@ class JudgementNote:
     """A judgement in words, and the button that sends the message of its remedy."""
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
-        self._html = gui.add_html("")
+        self.html = gui.add_html("")
         self._message: Message | None = None
         self._button = context.send_button(
             gui, "Remedy", "tool", lambda: self._message, visible=False
@@ -73,11 +77,23 @@ class JudgementNote:
         What is missing has a button of its own beside the note. ``kind`` is that of the note, where
         the state does not say it.
         """
-        self._html.content = style.note(words, style.BOXES[found.state] if kind is None else kind)
-        remedy = None if found.state == "missing" else found.remedy
+        html = style.note(words, style.BOXES[found.state] if kind is None else kind)
+        self.offer(html, None if found.state == "missing" else found.remedy, busy=busy)
+
+    def offer(self, html: str, remedy: Remedy | None, *, busy: bool, first: bool = False) -> None:
+        """Show HTML, and a button that does what mends it, where a message does.
+
+        Args:
+            html: Escaped.
+            remedy: What mends it.
+            busy: Whether something runs, so that it has to wait.
+            first: Whether it is what to do now.
+        """
+        self.html.content = html
         self._message = None if remedy is None else remedy.message
         self._button.visible = self._message is not None
         self._button.disabled = busy
+        self._button.color = GO_ON if first else "gray"
         words = "" if remedy is None or remedy.message is None else remedy.words
         self._button.label = style.sentence(words) or "Remedy"
 
@@ -96,7 +112,7 @@ class StepPanel:
         self.folder = gui.add_folder(None, visible=False)
         with self.folder:
             gui.add_html(style.text(self.explanation))
-            self.verdict = gui.add_html("")  # above the fields, where it is seen without scrolling
+            self.verdict = JudgementNote(gui, context)  # above the fields: seen without scrolling
             self.build()
             self.remark = gui.add_html("")
 
@@ -124,8 +140,10 @@ class StepPanel:
         if active and changed(old, new, *FOLLOWED):
             stopped, html = stopped_note(new, self.activity), self.remarks(new)
             stale = new.step(self.step).state == "stale"
-            missed = "" if stale else missed_note(judged(new, self.step))
-            self.verdict.content = missed + stopped
+            figures = judged(new, self.step)
+            missed = "" if stale else missed_note(figures)
+            remedy, failed = figures.remedy if missed else None, figures.verdict == "fail"
+            self.verdict.offer(missed + stopped, remedy, busy=new.busy, first=failed)
             # what is not good is not praised
             self.remark.content = html.replace("r-note good", "r-note") if stale or missed else html
 

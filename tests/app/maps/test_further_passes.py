@@ -22,11 +22,12 @@ from rona_core.app.steps.boundaries.handlers import scans_of
 from rona_core.app.steps.boundaries.messages import CorrectBoundary
 from rona_core.app.steps.maps.accuracy import map_accuracy
 from rona_core.app.steps.maps.error_budget import error_budgets
+from rona_core.app.steps.maps.further_passes import all_scanned
 from rona_core.app.steps.maps.messages import StartMapping, StartTiltPlan, StartTiltScan
 from rona_core.app.steps.maps.view import second_cells, second_view
 from rona_core.app.steps.scan.derivation import PLACES, joined_poses, joined_scans
 from rona_core.app.steps.scan.inputs import usable_second
-from rona_core.app.steps.scan.planned_motion import joints_at, replayed
+from rona_core.app.steps.scan.planned_motion import joints_at, plan_of, replayed
 from rona_core.app.steps.scan.view import head_report
 from rona_core.compose import new_workbench
 from rona_core.devices.protocols import never, silent
@@ -181,6 +182,15 @@ def test_passes_of_another_scan_give_way(two):
     assert usable_second(stale) == ()
     kept = handle(StoreCapture("second", two.captures.second[0]), stale)
     assert kept.captures.second == two.captures.second[:1]
+
+
+def test_passes_of_another_scan_do_not_count_as_scanned(demo):
+    made = demo.results.second.value
+    assert all_scanned(demo) is not None
+    old = tuple(replace(one, setup_digest="of another set-up") for one in demo.captures.second)
+    stale = demo.with_capture("second", old)
+    assert all_scanned(stale) is None
+    assert plan_of(stale, second=True) is made.plan  # that of the first pass
 
 
 def test_each_pass_has_its_own_poses_and_its_own_place_in_detection_and_maps(two, mapped):

@@ -136,23 +136,23 @@ def test_a_scan_that_was_stopped_while_the_tool_was_weighed_says_so_and_goes_on_
     running = JobStatus("1", "StartScan", "running", 0.0)
     before = snapshot(view=view, job=running)
     panel.render(None, before)
-    assert "Stopped" not in panel.verdict.content
+    assert "Stopped" not in panel.verdict.html.content
     words = f"{STOPPED} {EVIL}"
     ended = replace(running, state="cancelled", error_code="cancelled", error=words)
     after = replace(before, job=ended)
     panel.render(before, after)
-    shown = panel.verdict.content
+    shown = panel.verdict.html.content
     assert "Stopped: the robot was stopped while the tool was weighed" in shown
     assert "no A-scan was recorded, and an earlier scan is kept" in shown
     assert EVIL not in shown
     panel.render(after, replace(after, view=replace(view, cursor=3)))
-    assert panel.verdict.content == shown
+    assert panel.verdict.html.content == shown
     again = replace(after, job=replace(running, id="2"))
     panel.render(after, again)
-    assert "Stopped" not in panel.verdict.content
+    assert "Stopped" not in panel.verdict.html.content
     other = replace(after, job=replace(ended, activity="StartTiltScan"))
     panel.render(None, other)
-    assert "Stopped" not in panel.verdict.content
+    assert "Stopped" not in panel.verdict.html.content
     assert "the tool was weighed" in second_words(other, None, False)
 
 

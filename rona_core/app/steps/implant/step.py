@@ -73,7 +73,8 @@ FURTHER = {
     "speed": Remedy("measure reference points (step 9)", StartCaliperMeasurements()),
 }
 
-SHALLOWER = {"BCI 601": "BCI 602"}  # implant, and one of the same kind with a shallower bed
+# implant, and one that conducts sound through the bone as well and needs less of it
+SHALLOWER = {"BCI 601": "BCI 602", "BCI 602": "Osia/Baha screw"}
 
 
 def judge_bed(bed: ImplantBed, session: Session) -> Judgement:
@@ -106,7 +107,7 @@ def other_bed(bed: ImplantBed, session: Session) -> Remedy:
     if bed.implant in SHALLOWER:
         other = SHALLOWER[bed.implant]
         search = replace(asked, implant=other, burr_mm=None)
-        return Remedy(f"search the bed of the shallower {other} (step 10)", search)
+        return Remedy(f"search the bed of the shallower {other} instead (step 10)", search)
     return Remedy("choose another implant (step 10) or another region (step 1)")
 
 

@@ -41,7 +41,7 @@ def judge_passes(held: Passes, session: Session) -> Judgement:
 
 def all_scanned(session: Session) -> Judgement | None:
     """Return why no further pass can be scanned: each that is planned was; None: one can."""
-    planned, held = session.results.second, session.captures.second
+    planned, held = session.results.second, usable_second(session)
     if planned is None or planned.value.next_pass(held) is not None:
         return None
     remedy = Remedy("plan further passes (step 9)", StartTiltPlan())

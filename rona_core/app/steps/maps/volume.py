@@ -8,6 +8,7 @@ from rona_core.app.dependencies.staleness import required, stale_reason
 from rona_core.app.steps.acoustics.derivation import DETECTION, ROBOT_PROBE
 from rona_core.app.steps.maps.inputs import MAPS
 from rona_core.app.steps.scan.derivation import PLACES, POSES, SCAN, joined_poses, joined_scans
+from rona_core.app.steps.scan.inputs import usable_second
 from rona_core.devices.samples import AScanTrack
 from rona_core.devices.settings import Excitation
 from rona_core.errors import StaleResultError
@@ -109,7 +110,8 @@ def scan_lines(session: Session) -> ScanLines:
     required(SCAN, session)
     maps = required(MAPS, session)
     required(DETECTION, session)
-    for name in ("detection", "second_detection", "maps"):
+    again = ("second_detection",) if usable_second(session) else ()
+    for name in ("detection", *again, "maps"):
         reason = stale_reason(name, session)
         if reason is not None:
             raise StaleResultError(f"the echo volume is of the maps, and they are stale: {reason}")
@@ -153,11 +155,8 @@ def _passes(session: Session) -> tuple[_Pass, ...]:
 
     if captures.scan is not None:
         add("first", captures.scan.scans, results.detection, required(POSES, session))
-    if captures.second:
-        scans, poses = (
-            joined_scans(captures.second),
-            joined_poses(required(PLACES, session), captures.second),
-        )
+    if passes := usable_second(session):
+        scans, poses = joined_scans(passes), joined_poses(required(PLACES, session), passes)
         add("second", scans, results.second_detection, poses)
     return tuple(found)
 

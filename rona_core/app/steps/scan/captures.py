@@ -9,6 +9,7 @@ from rona_core.app.declarations.declarations import ActivityContext
 from rona_core.app.dependencies.staleness import capture_setup_digest, session_obstacles
 from rona_core.app.runtime.recording import HEAD_HZ, begin, finish
 from rona_core.app.steps.scan.force_controlled_scan import ContactLoop
+from rona_core.app.steps.scan.inputs import usable_second
 from rona_core.app.steps.tool.robot_motion import STOPPED, FreeMoves, drive_to, require_certified
 from rona_core.devices.live import RecordedSoFar
 from rona_core.devices.samples import (
@@ -153,7 +154,7 @@ def capture_scan(
     first, second = session.results.roll, session.results.second
     plan = None if first is None else first.value
     if kind == "second":
-        planned = None if second is None else second.value.next_pass(session.captures.second)
+        planned = None if second is None else second.value.next_pass(usable_second(session))
         plan = None if planned is None else planned.plan
     if plan is None or plan.trajectory is None or plan.certificate is None:
         raise NotReachableError("there is no path that the robot can traverse: see step 7")

@@ -10,6 +10,7 @@ import numpy as np
 
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.scan.captures import fire_times
+from rona_core.app.steps.scan.inputs import usable_second
 from rona_core.devices.settings import DeviceSettings
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.robot.planning.plan import RobotPlan
@@ -36,7 +37,7 @@ def plan_of(session: Session, *, second: bool = False) -> RobotPlan | None:
         again = session.results.second
         if again is None:
             return None
-        return (again.value.next_pass(session.captures.second) or again.value.passes[-1]).plan
+        return (again.value.next_pass(usable_second(session)) or again.value.passes[-1]).plan
     return None if session.results.roll is None else session.results.roll.value
 
 
@@ -79,7 +80,7 @@ def replayed(session: Session, *, second: bool = False) -> Replayed | None:
         if plan is None or plan.trajectory is None:
             return None
         return _replayed((), (plan.trajectory,), (held,), session.setup.devices)
-    made, passes = session.results.second, session.captures.second
+    made, passes = session.results.second, usable_second(session)
     if made is None:
         return None
     planned, n_before = made.value, made.value.n_before
