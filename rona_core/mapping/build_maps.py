@@ -187,7 +187,8 @@ def add_inner_map(
         inner_base = np.vstack((inner_base, second_inner - late))
     T_base_map = outer.grid.T_base_map
     places_map, inner_map = T_base_map.inv() @ outer_base, T_base_map.inv() @ inner_base
-    fusion = None if second is None else _fused_passes(usable, inner_map, found, second, outer)
+    parts_map = places_map, inner_map
+    fusion = None if second is None else _fused_passes(usable, parts_map, found, second, outer)
     if fusion is None:
         used = _agreeing_depths(usable, inner_map, outer)
     else:
@@ -256,16 +257,20 @@ def _agreeing_among(usable: Bools, points_map: Floats) -> Bools:
 
 def _fused_passes(
     usable: Bools,
-    inner_map: Floats,
+    parts_map: tuple[Floats, Floats],
     found: LocatedDetection,
     second: LocatedDetection,
     outer: OuterMaps,
 ) -> PassFusion:
-    """Return how the depths of the first pass and of further ones fit together."""
+    """Return how the depths of the first pass and of further ones fit together.
+
+    ``parts_map``: where the sound entered the bone, and where it met the inner boundary (n, 3).
+    """
+    places_map, inner_map = parts_map
     further = np.zeros(len(second.detection), np.int64) if second.passes is None else second.passes
     passes = np.concatenate((np.zeros(len(found.detection), np.int64), 1 + further))
     depths = outer.plate.heights(inner_map[:, :2]) - inner_map[:, 2]
-    return fuse_passes(inner_map[:, :2], depths, usable, passes)
+    return fuse_passes(places_map[:, :2], inner_map[:, :2], depths, usable, passes)
 
 
 def _agreeing_depths(usable: Bools, inner_map: Floats, outer: OuterMaps) -> Bools:

@@ -56,11 +56,15 @@ def counting(found: Detection) -> Bools:
     return np.asarray(found.outer_ok & ((found.flag == OK) | seen))
 
 
-def fuse_passes(places_mm: Floats, depths_mm: Floats, sure: Bools, passes: Ints) -> PassFusion:
+def fuse_passes(
+    entries_mm: Floats, places_mm: Floats, depths_mm: Floats, sure: Bools, passes: Ints
+) -> PassFusion:
     """Return the offset of each pass, and which A-scans agree with those around once it is gone.
 
     Args:
-        places_mm: Of the inner boundary along the outer one (n, 2 or 3).
+        entries_mm: Where the sound entered the bone, along the outer boundary (n, 2 or 3). Here
+            they are compared with each other: an echo from less deep is off less to the side.
+        places_mm: Of the inner boundary along the outer one, likewise; there passes are compared.
         depths_mm: Of the inner boundary below the outer one (n,).
         sure: Which A-scans count (n,).
         passes: The pass of each (n,), from 0; 0 is the upright one.
@@ -71,7 +75,8 @@ def fuse_passes(places_mm: Floats, depths_mm: Floats, sure: Bools, passes: Ints)
     agreeing = np.zeros(len(sure), dtype=np.bool_)
     if len(rows):
         depths = depths - offsets[numbers]
-        around = KDTree(places).query_ball_point(places, AROUND_MM)
+        entries = entries_mm[rows]
+        around = KDTree(entries).query_ball_point(entries, AROUND_MM)
         agreeing[rows] = [
             len(near) >= LEAST_AROUND and abs(depth - np.median(depths[near])) <= AGREEING_MM
             for depth, near in zip(depths, around, strict=True)

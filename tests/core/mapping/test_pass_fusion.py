@@ -30,7 +30,7 @@ class Passes:
     passes: np.ndarray
 
     def fused(self) -> PassFusion:
-        return fuse_passes(self.places_mm, self.depths_mm, self.sure, self.passes)
+        return fuse_passes(self.places_mm, self.places_mm, self.depths_mm, self.sure, self.passes)
 
 
 def passes_over(rng, offsets_mm, *, count=200, white_mm=0.1, face_mm=0.0):
@@ -189,5 +189,19 @@ def test_agreement_ends_at_its_limit():
     places = np.column_stack((np.linspace(0.0, 1.0, 6), np.zeros(6)))
     for off, agrees in ((0.95 * AGREEING_MM, True), (1.05 * AGREEING_MM, False)):
         depths = np.r_[np.full(5, 6.0), 6.0 + off]
-        found = fuse_passes(places, depths, np.ones(6, bool), np.zeros(6, np.int64))
+        found = fuse_passes(places, places, depths, np.ones(6, bool), np.zeros(6, np.int64))
         np.testing.assert_array_equal(found.agreeing, [True] * 5 + [agrees])
+
+
+def test_a_cluster_of_shallow_echoes_at_the_edge_is_refused_by_deeper_ones_from_its_places():
+    """Deep echoes of a curved bone come from up to 3 mm aside, shallow ones from right below."""
+    u, v = np.meshgrid(np.arange(-20.0, 20.5), np.arange(-20.0, 20.5), indexing="ij")
+    entries = np.column_stack((u.ravel(), v.ravel()))
+    n, edge = len(entries), entries[:, 0] < -17.0
+    wrong = edge & (np.abs(entries[:, 1]) < 3.0)
+    depths = np.concatenate((np.full(n, 7.5), np.full(n, 7.5), np.where(wrong, 2.6, 7.5)))
+    entries = np.tile(entries, (3, 1))
+    places = entries * (1.0 - 0.14 * depths / 7.5)[:, None]
+    found = fuse_passes(entries, places, depths, np.ones(3 * n, bool), np.repeat(np.arange(3), n))
+    assert not found.agreeing[2 * n :][wrong].any()
+    assert found.agreeing[: 2 * n].all()
