@@ -23,6 +23,7 @@ from rona_core.app.paper_figures.path import (
 from rona_core.app.paper_figures.style import Format, figure_file
 from rona_core.errors import NotFoundError, RonaError, StepBlockedError
 from rona_core.session.document import Session
+from rona_core.session.memo import Memo
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -48,6 +49,10 @@ class PaperFigure:
     needs: tuple[Need, ...]
     height_mm: float
     draw: Callable[[Session, "Figure"], None]
+
+    def file_name(self, form: Format) -> str:
+        """Return what its file is called."""
+        return f"figure_{self.number:02d}_{self.name}.{form}"
 
 
 PATH = Need("smoothing", "the smoothed path")
@@ -130,6 +135,7 @@ PAPER_FIGURES: dict[str, PaperFigure] = {
         ),
     )
 }
+_DRAWN: Memo[bytes] = Memo(2 * len(PAPER_FIGURES))  # a page is loaded again, a figure saved
 
 
 def figure_named(name: str) -> PaperFigure:
@@ -171,6 +177,10 @@ def drawn_figure(session: Session, name: str, form: Format) -> bytes:
             step that makes it.
     """
     figure = figure_named(name)
+    return _DRAWN.get((session,), lambda: _drawn(session, figure, form), (name, form))
+
+
+def _drawn(session: Session, figure: PaperFigure, form: Format) -> bytes:
     reason = lacking(figure, session)
     if reason is not None:
         raise StepBlockedError(reason)
