@@ -106,7 +106,7 @@ PAPER_FIGURES: dict[str, PaperFigure] = {
         PaperFigure(
             "orientations",
             7,
-            "Surface points, scan path and orientations",
+            "Scan path and orientations",
             "Places touched with the pointer, and the probe every 5 mm along the path with the "
             "chosen roll ν.",
             (CLOUD, PATH, ROLL),

@@ -14,7 +14,7 @@ from rona_core.app.paper_figures.table import (
     figure_named,
     lacking,
 )
-from rona_core.app.report.page import Html, joined, markup, note, tag, whole_page
+from rona_core.app.report.page import Html, markup, note, tag, whole_page
 from rona_core.session.document import Session
 from rona_ui.api.bodies import BodyRoute
 from rona_ui.api.context import Bench, origin_of
@@ -88,7 +88,7 @@ def figures_page(session: Session, origin: str | None) -> str:
         f"{session.name}: figures",
         tag("header", tag("div", "RONA figures", css="kind"), tag("h1", session.name)),
         tag("p", words, css="soft"),
-        *(_section(figure, session) for figure in PAPER_FIGURES.values()),
+        tag("div", *(_section(one, session) for one in PAPER_FIGURES.values()), css="halves"),
         policy=POLICY,
     )
 
@@ -97,21 +97,18 @@ def _section(figure: PaperFigure, session: Session) -> Html:
     title = tag("h2", f"Figure {figure.number}: {figure.title}")
     reason = lacking(figure, session)
     if reason is not None:
-        return joined((title, note(f"{reason}.", "warn")))
-    height_mm = figure.height_mm / COLUMN_MM * SHOWN_MM
+        return tag("section", title, note(f"{reason}.", "warn"))
+    words = markup(f"{figure.title}. {figure.says}")
     image = Html(
-        f'<img src="figures/{figure.name}" alt="{markup(f"{figure.title}. {figure.says}")}" '
-        f'loading="lazy" style="width:{SHOWN_MM:g}mm;height:{height_mm:g}mm;max-width:100%">'
+        f'<img src="figures/{figure.name}" alt="{words}" loading="lazy" '
+        f'style="width:100%;aspect-ratio:{COLUMN_MM:g}/{figure.height_mm:g}">'
     )
-    links = joined(_link(figure, form) for form in MEDIA)
-    return joined((title, tag("figure", image, tag("figcaption", figure.says, " ", links))))
-
-
-SHOWN_MM = 1.6 * COLUMN_MM  # on a screen
-
-
-def _link(figure: PaperFigure, form: Format) -> Html:
-    return Html(
-        f'<a href="figures/{figure.name}?format={form}" '
-        f'download="{figure.file_name(form)}">{form.upper()}</a> '
+    links = (
+        Html(
+            f' <a href="figures/{figure.name}?format={form}" '
+            f'download="{figure.file_name(form)}">{form.upper()}</a>'
+        )
+        for form in MEDIA
     )
+    caption = tag("figcaption", figure.says, *links)
+    return tag("section", title, tag("figure", image, caption))
