@@ -35,7 +35,9 @@ SURFACE: dict[str, Any] = {
 def draw_reconstruction(session: Session, figure: "Figure") -> None:
     """Draw both boundaries in space, coloured by thickness, and a section of the echo volume."""
     sheet = map_sheet(session)
-    row = int(np.argmax(sheet.thickness_ok().sum(axis=0)))  # of the section: where most is mapped
+    ok = sheet.thickness_ok()
+    mapped = ok if ok.any() else sheet.boundary("outer").ok
+    row = int(np.argmax(mapped.sum(axis=0)))  # of the section: where most is mapped
     upper, lower = halves(figure)
     _boundaries(upper, sheet, row)
     _section(lower, echo_volume(session), sheet, row)
@@ -59,9 +61,10 @@ def _boundaries(figure: Any, sheet: MapSheet, row: int) -> None:
         axes.plot_surface(x, y, z, facecolors=faces, **SURFACE)
         axes.plot(*cells[:, row].T, **look)
     figure.text(
-        0.02, 0.97, "(a) outer boundary, cut open at the section, above the inner one", va="top"
+        0.02, 0.97, "(a) outer boundary, cut open at the section, and inner boundary", va="top"
     )
-    colour_scale(figure, colours, "thickness of the bone (mm)", axes, shrink=0.75, pad=0.1)
+    if ok.any():
+        colour_scale(figure, colours, "thickness of the bone (mm)", axes, shrink=0.75, pad=0.1)
 
 
 def cells_map(boundary: BoundaryMap, ok: Bools) -> Floats:
@@ -78,10 +81,12 @@ def _section(figure: Any, volume: EchoVolume, sheet: MapSheet, row: int) -> None
     limits = {"vmin": FLOOR_DB, "vmax": TOP_DB, "cmap": "gray_r", "rasterized": True}
     image = axes.pcolormesh(outer.u_mm, volume.z_mm, level.T, **limits)
     axes.plot(*cells_map(outer, outer.ok)[:, row, ::2].T, **OUTER)
-    axes.plot(*cells_map(inner, sheet.thickness_ok())[:, row, ::2].T, **INNER)
+    if sheet.thickness_ok().any():
+        axes.plot(*cells_map(inner, sheet.thickness_ok())[:, row, ::2].T, **INNER)
     plane(axes, "x of map (mm)", "z of map (mm)")
     y = f"{outer.v_mm[row]:.1f}".replace("-", "\N{MINUS SIGN}")
-    axes.set_title(f"(b) section of the echo volume at y = {y} mm")
-    axes.legend(loc="lower center", ncols=2)
+    title = f"(b) section of the echo volume at y = {y} mm"
+    figure.suptitle(title, x=0.02, ha="left", fontsize=6.5)
+    figure.legend(loc="outside lower center", ncols=2)
     label = f"echo level, gain {GAIN_DB_PER_MM:g} dB/mm (dB)"
     colour_scale(figure, image, label, axes, shrink=0.7)

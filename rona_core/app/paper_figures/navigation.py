@@ -51,7 +51,7 @@ LOOKS: dict[Kind, tuple[str, dict[str, Any]]] = {
     "nominal": ("nominal", {"color": SOFT, "linewidth": 0.8}),
     "contact": ("contact", {"color": INK, "linewidth": 0.8, "linestyle": (0, (1, 1.5))}),
     "open": (
-        "not calibrated, or stale",
+        "missing or stale",
         {"color": css(VERMILLION), "linewidth": 0.8, "linestyle": (0, (4, 2))},
     ),
 }

@@ -20,6 +20,7 @@ MEDIA: dict[Format, str] = {"svg": "image/svg+xml", "png": "image/png"}
 COLUMN_MM, MM_PER_INCH = 85.0, 25.4
 DOTS_PER_INCH = 600  # of the PNG, and of what is an image within the SVG
 INK, SOFT, PALE = "#1b2530", "#5a6774", "#d8dee5"
+FLAT = 0.2  # share of its width up to which a box is too flat for several ticks along z
 RIM_MM = 1.0  # around what is seen in space
 RULES: Any = {
     "font.family": "DejaVu Sans",  # comes with matplotlib: the same on every machine
@@ -128,7 +129,8 @@ def space(
         axis.set_pane_color((1.0, 1.0, 1.0, 0.0))
         axis.set_tick_params(pad=-4.5)
     axes.locator_params(nbins=5, integer=True)
-    axes.locator_params("z", nbins=3, integer=True)
+    flat = high[2] - low[2] < FLAT * max(high - low)
+    axes.locator_params("z", nbins=1 if flat else 3, min_n_ticks=1 if flat else 2, integer=True)
     return axes
 
 

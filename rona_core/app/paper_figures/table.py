@@ -129,7 +129,7 @@ PAPER_FIGURES: dict[str, PaperFigure] = {
             "3D reconstruction",
             "Outer and inner boundary of the bone in the frame of the maps, and a section of the "
             "echo volume: 0 dB is the front echo of flat bone in perfect contact.",
-            (Need("maps", "the maps"),),
+            (Need("maps", "the maps", takes_bad=True),),
             92.0,
             draw_reconstruction,
         ),
