@@ -47,6 +47,8 @@ class OneAtATime(BodyRoute):
 
         async def answer(request: Request) -> Response:
             async with request.app.state.drawing:
+                if await request.is_disconnected():  # the page was closed meanwhile
+                    return Response(status_code=204)
                 return await handle(request)
 
         return answer

@@ -3,7 +3,9 @@
 import re
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 
+import httpx2
 import pytest
 
 from rona_core.app.paper_figures import style
@@ -97,30 +99,50 @@ def test_the_schema_lists_figures_and_forms(anonymous, web):
     assert form["schema"]["enum"] == list(style.FORMATS)
 
 
-def test_those_that_wait_for_a_figure_keep_no_other_waiting(client, demo, monkeypatch):
-    """Six figures are asked for while one is drawn: a short answer comes before that one."""
-    going, release, done = threading.Event(), threading.Event(), []
+@pytest.fixture
+def held(monkeypatch):
+    """Let a figure be drawn until it is released; returns both events and the figures begun."""
+    going, release, begun = threading.Event(), threading.Event(), []
 
     def slow(session, name, form):
+        begun.append(name)
         going.set()
         release.wait(30.0)
         return b"<svg/>"
 
     monkeypatch.setattr("rona_ui.api.routes.figures.drawn_figure", slow)
+    yield going, release, begun
+    release.set()
 
-    def ask():
-        done.append(client.get(f"/sessions/{demo}/figures/joints").status_code)
 
-    threads = [threading.Thread(target=ask) for _ in range(6)]
-    for thread in threads:
-        thread.start()
-    assert going.wait(30.0)
-    time.sleep(0.2)  # for the others to arrive
-    try:
-        assert client.get(f"/sessions/{demo}/steps").status_code == 200
-        assert not done
-    finally:
+def test_those_that_wait_for_a_figure_keep_no_other_waiting(client, demo, held):
+    """Six figures are wanted while one is drawn: a short answer comes before that one."""
+    going, release, begun = held
+    with ThreadPoolExecutor(6) as pool:
+        six = [pool.submit(client.get, f"/sessions/{demo}/figures/joints") for _ in range(6)]
+        assert going.wait(30.0)
+        time.sleep(0.3)  # for the others to arrive
+        try:
+            assert client.get(f"/sessions/{demo}/steps", timeout=10.0).status_code == 200
+            assert len(begun) == 1
+        finally:
+            release.set()
+        assert [one.result().status_code for one in six] == [200] * 6
+
+
+def test_what_is_not_waited_for_any_more_is_not_drawn(client, demo, held, web):
+    going, release, begun = held
+    headers = {"Authorization": f"Bearer {web.token}"}
+    base = f"http://127.0.0.1:{web.port}/api/v1/sessions/{demo}/figures"
+    with ThreadPoolExecutor(1) as pool:
+        first = pool.submit(client.get, f"/sessions/{demo}/figures/joints")
+        assert going.wait(30.0)
+        with (
+            httpx2.Client(headers=headers, timeout=0.5) as other,
+            pytest.raises(httpx2.ReadTimeout),
+        ):
+            other.get(f"{base}/registrations")
         release.set()
-        for thread in threads:
-            thread.join()
-    assert done == [200] * 6
+        assert first.result().status_code == 200
+    assert client.get(f"/sessions/{demo}/figures/orientations").status_code == 200
+    assert begun == ["joints", "orientations"]
