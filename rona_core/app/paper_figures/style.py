@@ -78,7 +78,9 @@ def figure_file(draw: Callable[["Figure"], None], height_mm: float, form: Format
     size = COLUMN_MM / MM_PER_INCH, height_mm / MM_PER_INCH
     undated = {"Date": None, "Creator": None} if form == "svg" else {"Software": None}
     file = io.BytesIO()
-    with _ONE_AT_A_TIME, matplotlib.rc_context(RULES):
+    with _ONE_AT_A_TIME, matplotlib.rc_context():
+        matplotlib.rcdefaults()  # whatever settings of their own users keep
+        matplotlib.rcParams.update(RULES)
         figure = Figure(figsize=size, dpi=DOTS_PER_INCH, facecolor="white")
         draw(figure)
         figure.savefig(file, format=form, metadata=undated)

@@ -183,6 +183,13 @@ def test_the_same_session_gives_the_same_bytes(demo, form):
     assert drawn_figure(replace(demo), "registrations", form) == first
 
 
+def test_settings_of_the_user_change_nothing_and_are_kept(demo):
+    first = drawn_figure(demo, "registrations", "svg")
+    with matplotlib.rc_context({"font.size": 20.0, "text.color": "red"}):
+        assert drawn_figure(replace(demo), "registrations", "svg") == first
+        assert matplotlib.rcParams["font.size"] == 20.0
+
+
 TRUTHLESS = """
 import sys
 from pathlib import Path
