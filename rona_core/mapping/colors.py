@@ -1,4 +1,4 @@
-"""Colours of maps and other quantities: viridis, the same in the browser and in reports."""
+"""Colours of quantities (viridis) and categories (Okabe-Ito), the same in browser and reports."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,9 +15,24 @@ _VIRIDIS = np.array(
 )  # fmt: skip
 PLACES = np.linspace(0.0, 1.0, len(_VIRIDIS))
 
+Rgb = tuple[int, int, int]
+BLUE: Rgb = (0, 114, 178)
+ORANGE: Rgb = (230, 159, 0)
+GREEN: Rgb = (0, 158, 115)
+VERMILLION: Rgb = (213, 94, 0)
+PURPLE: Rgb = (204, 121, 167)
+SKY: Rgb = (86, 180, 233)
+YELLOW: Rgb = (240, 228, 66)
+CATEGORIES = (BLUE, ORANGE, GREEN, VERMILLION, PURPLE, SKY)
+
 
 def viridis(shares: ArrayLike) -> NDArray[np.uint8]:
     """Return colours (n, 3) for shares from 0 to 1; beyond the ends the end's colour."""
     s = np.clip(np.asarray(shares, dtype=np.float64), 0.0, 1.0)
     columns = [np.interp(s, PLACES, channel) for channel in _VIRIDIS.T]
     return np.round(np.stack(columns, axis=-1)).astype(np.uint8)
+
+
+def css(color: Rgb) -> str:
+    """Return a colour for a style sheet."""
+    return "#{:02x}{:02x}{:02x}".format(*color)

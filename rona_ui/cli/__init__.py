@@ -1,4 +1,4 @@
-"""The command line: serve, demo, inspect, report, export, compare, recover, calibrate, detect."""
+"""The command line: serve, demo, inspect, report, figures, export, compare and others."""
 
 import argparse
 import gc
@@ -71,6 +71,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_demo(verbs)
     _add_inspect(verbs)
     _add_report(verbs)
+    _add_figures(verbs)
     _add_export(verbs)
     _add_compare(verbs)
     _add_recover(verbs)
@@ -181,6 +182,20 @@ def _add_report(verbs: Any) -> None:
     verb.add_argument("file", type=Path, metavar="SESSION", help="session file (.rona)")
     text = "page that is written (beside the session, .html)"
     verb.add_argument("out", type=Path, nargs="?", metavar="OUT.html", help=text)
+
+
+def _add_figures(verbs: Any) -> None:
+    text = "draw the paper's figures from a session, for print"
+    more = "One column (85 mm) wide; of a figure that cannot be drawn, the step that it needs. "
+    more += "Exit status: 0 done, 2 bad input, 3 none could be drawn."
+    verb = _verb(verbs, "figures", text, more)
+    verb.add_argument("file", type=Path, metavar="SESSION", help="session file (.rona)")
+    text = "folder that they are written to (beside the session, NAME_figures)"
+    verb.add_argument("--out", type=Path, metavar="DIR", help=text)
+    text = "only this one, e.g. joints (a wrong name lists all); may be repeated"
+    verb.add_argument("--only", action="append", default=[], metavar="NAME", help=text)
+    text = "svg, or png of 600 dots per inch (both)"
+    verb.add_argument("--format", choices=("svg", "png"), help=text)
 
 
 def _add_export(verbs: Any) -> None:

@@ -3,9 +3,20 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rona_core.mapping.colors import PLACES, viridis
-
-Rgb = tuple[int, int, int]
+from rona_core.mapping.colors import (
+    BLUE,
+    GREEN,
+    ORANGE,
+    PLACES,
+    SKY,
+    VERMILLION,
+    Rgb,
+    css,
+    viridis,
+)
+from rona_core.mapping.colors import CATEGORIES as CATEGORIES
+from rona_core.mapping.colors import PURPLE as PURPLE
+from rona_core.mapping.colors import YELLOW as YELLOW
 
 BACKGROUND: Rgb = (186, 194, 201)
 FLOOR: Rgb = (150, 158, 164)
@@ -19,13 +30,6 @@ BONE_RIM: Rgb = (199, 160, 105)  # of bone that is cut
 STEEL: Rgb = (154, 160, 168)
 BLOCKED: Rgb = (120, 128, 136)  # base place too close to the head
 
-BLUE: Rgb = (0, 114, 178)
-ORANGE: Rgb = (230, 159, 0)
-GREEN: Rgb = (0, 158, 115)
-VERMILLION: Rgb = (213, 94, 0)
-PURPLE: Rgb = (204, 121, 167)
-SKY: Rgb = (86, 180, 233)
-YELLOW: Rgb = (240, 228, 66)
 WHITE: Rgb = (245, 245, 245)
 # kind of move of a milling path -> word and colour
 MILLING_COLORS: dict[str, tuple[str, Rgb]] = {
@@ -34,7 +38,6 @@ MILLING_COLORS: dict[str, tuple[str, Rgb]] = {
     "entry": ("entry", GREEN),
     "retract": ("in the air", WHITE),
 }
-CATEGORIES = (BLUE, ORANGE, GREEN, VERMILLION, PURPLE, SKY)
 
 
 def diverging(shares: ArrayLike) -> NDArray[np.uint8]:
@@ -48,11 +51,6 @@ def diverging(shares: ArrayLike) -> NDArray[np.uint8]:
 def diverging_css() -> str:
     """Return the same as a gradient from left to right."""
     return f"linear-gradient(to right, {css(BLUE)}, {css(WHITE)}, {css(VERMILLION)})"
-
-
-def css(color: Rgb) -> str:
-    """Return a colour for a style sheet."""
-    return "#{:02x}{:02x}{:02x}".format(*color)
 
 
 def viridis_css() -> str:

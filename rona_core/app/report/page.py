@@ -142,11 +142,17 @@ def tile(title: str, value: object, words: str) -> Html:
     return tag("div", tag("span", title), tag("b", value), tag("span", words), css="tile")
 
 
-def whole_page(title: str, *content: object) -> str:
-    """Return a page that stands alone; what cannot be written in UTF-8 becomes a question mark."""
+def whole_page(title: str, *content: object, policy: str = POLICY) -> str:
+    """Return a page; what cannot be written in UTF-8 becomes a question mark.
+
+    Args:
+        title: Of its window.
+        content: Of its body.
+        policy: What it may load; by default it stands alone.
+    """
     head = (
         '<meta charset="utf-8">'
-        f'<meta http-equiv="Content-Security-Policy" content="{markup(POLICY)}">'
+        f'<meta http-equiv="Content-Security-Policy" content="{markup(policy)}">'
         '<meta name="viewport" content="width=device-width,initial-scale=1">'
         f"{tag('title', title)}<style>{STYLE}</style>"
     )

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from rona_core.app.steps.roll.messages import ChooseRoll
 from rona_core.app.steps.roll.view import (
+    REASON_WORDS,
     PathMargins,
     Quantity,
     RankedWay,
@@ -44,15 +45,15 @@ from rona_ui.presentation.shown import MARGIN_SCALE_MAX, shown_clearances
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import escape
 
-REASONS: dict[str, tuple[str, Rgb]] = {  # reason of a verdict -> words, colour in the strip
-    "none": ("feasible", GREEN),
-    "limit": ("joint limit", VERMILLION),
-    "reach": ("out of reach", PURPLE),
-    "singularity": ("singularity", ORANGE),
-    "jump": ("joint jump", BLUE),
-    "blocked": ("collision", SKY),
-    "roll rate": ("roll rate", SKY),
-    "no way": ("no approach or retract", YELLOW),
+REASON_COLORS: dict[str, Rgb] = {  # of the verdicts in the strip
+    "none": GREEN,
+    "limit": VERMILLION,
+    "reach": PURPLE,
+    "singularity": ORANGE,
+    "jump": BLUE,
+    "blocked": SKY,
+    "roll rate": SKY,
+    "no way": YELLOW,
 }
 STRIP, GAP, MAP = 80.0, 20.0, 1000.0  # heights in the picture
 WIDE = 10.0  # of a roll in the picture
@@ -68,7 +69,7 @@ def roll_picture(strip: RollStrip) -> str:
         f'<rect width="{width:g}" height="{height:g}" fill="#fff"/>',
         *(
             f'<rect x="{WIDE * (i - 0.5):g}" width="{WIDE:g}" height="{STRIP:g}" '
-            f'fill="{css(REASONS[reason][1])}"/>'
+            f'fill="{css(REASON_COLORS[reason])}"/>'
             for i, reason in enumerate(strip.reasons)
         ),
         f'<image x="{-0.5 * WIDE:g}" y="{top:g}" width="{WIDE * n:g}" height="{MAP:g}" '
@@ -111,8 +112,8 @@ def legend(strip: RollStrip) -> str:
     """Return what the colours of strip and map mean."""
     counts = Counter(strip.reasons)
     entries = [
-        (css(color), "", f"{counts[reason]} × {words}")
-        for reason, (words, color) in REASONS.items()
+        (css(color), "", f"{counts[reason]} × {REASON_WORDS[reason]}")
+        for reason, color in REASON_COLORS.items()
         if counts[reason]
     ]
     map_key = [

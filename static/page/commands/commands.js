@@ -1,6 +1,6 @@
 // Every command of the page: one list for tool bar, palette, keys and help.
 
-import { follow, program, send, trying } from "../base.js";
+import { API, follow, program, send, trying } from "../base.js";
 import { act, docked, inside, link } from "../link.js";
 
 const session = () => program.state?.session;
@@ -78,6 +78,7 @@ register(
   { id: "all-layers", group: "Layers", title: "All layers", key: "Y",
     enabled: view, run: () => act("flip", "all_layers") },
   { id: "report", group: "Session", title: "Report", icon: "report", enabled: session, run: report },
+  { id: "figures", group: "Session", title: "Figures of the paper", icon: "figures", enabled: session, run: figures },
   { id: "screenshot", group: "Scene", title: "Screenshot of the scene", key: "P", icon: "screenshot",
     enabled: view, run: screenshot },
 );
@@ -97,6 +98,10 @@ const plain = (name) => name.replace(/[^\p{L}\p{N}_ -]/gu, "_");
 async function report() {
   const { id, name } = session();
   download(`${plain(name)}.html`, await (await send("GET", `/sessions/${id}/report`)).blob());
+}
+
+function figures() {
+  window.open(`${API}/sessions/${session().id}/figures`, "_blank", "noopener");
 }
 
 const canvas = () => inside()?.defaultView.__viserMutable?.canvas ?? null;

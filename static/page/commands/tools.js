@@ -6,7 +6,7 @@ import { icon } from "./icons.js";
 import { act, link } from "../link.js";
 import { Menu, entry, heading, line, tick } from "./menus.js";
 
-const PLAIN = ["undo", "redo", "save", "report", "screenshot", "palette", "theme", "help"];
+const PLAIN = ["undo", "redo", "save", "report", "figures", "screenshot", "palette", "theme", "help"];
 
 function dress(made, name) {
   made.prepend(icon(name));

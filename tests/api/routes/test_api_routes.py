@@ -28,6 +28,7 @@ GET /sessions/{session_id}/results/{step}; GET /sessions/{session_id}/frames
 GET /sessions/{session_id}/results/{step}/array
 GET /sessions/{session_id}/calibration/{step}; GET /sessions/{session_id}/ascans/{scan}/{number}
 GET /sessions/{session_id}/quality; GET /sessions/{session_id}/report
+GET /sessions/{session_id}/figures; GET /sessions/{session_id}/figures/{name}
 GET /sessions/{session_id}/volume
 GET /sessions/{session_id}/maps/draws; GET /sessions/{session_id}/maps/comparison
 GET /sessions/{session_id}/export/{name}

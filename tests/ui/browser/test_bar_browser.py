@@ -18,7 +18,7 @@ from tests.helpers.ui.keyboard import focused, tab_to
 from tests.helpers.ui.program import Program
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
-BAR = "undo redo save camera cut layers screenshot report palette theme help stop".split()
+BAR = "undo redo save camera cut layers screenshot report figures palette theme help stop".split()
 OUT_OF_SIGHT = """(ids) => ids.filter((id) => {
   const button = document.getElementById(id), box = button.getBoundingClientRect();
   const inside = box.width > 0 && box.left >= 0 && box.top >= 0
@@ -196,6 +196,20 @@ def test_layers_are_hidden_and_shown_by_the_menu_and_all_of_them_by_y(surgeon: S
         page.keyboard.press("y")
         seen(surgeon, LEFT_OUT, shown)
         tells(surgeon, "all_layers", shown)
+
+
+def test_the_figures_of_the_paper_open_on_a_page_of_their_own(surgeon: Surgeon) -> None:
+    with surgeon.page.context.expect_page() as made:
+        surgeon.page.locator("#figures").click()
+    page = made.value
+    try:
+        page.get_by_role("heading", name="Figure 10: 3D reconstruction").wait_for()
+        image = page.get_by_role("img", name="Registrations.")
+        image.scroll_into_view_if_needed()
+        wait_for(lambda: image.evaluate("(i) => i.complete && i.naturalWidth > 0"), "a figure")
+        page.wait_for_load_state("networkidle")  # else the server ends while one is drawn
+    finally:
+        page.close()
 
 
 def test_the_report_tells_the_name_of_the_session(surgeon: Surgeon, tmp_path: Path) -> None:

@@ -20,6 +20,16 @@ from rona_core.session.memo import Memo
 
 MOST_RANKED = 40  # ways in a table
 MOST_DRAWN = 12  # rolls in a fan
+REASON_WORDS = {  # reason of a verdict -> what is said of the roll
+    "none": "feasible",
+    "limit": "joint limit",
+    "reach": "out of reach",
+    "singularity": "singularity",
+    "jump": "joint jump",
+    "blocked": "collision",
+    "roll rate": "roll rate",
+    "no way": "no approach or retract",
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
