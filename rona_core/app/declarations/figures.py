@@ -176,6 +176,18 @@ SURFACE_AND_PATH = (
         paper=307,
     ),
     Figure(
+        "coverage_predicted_fraction",
+        "Coverage, expected",
+        "",
+        "predicted: what `coverage_fraction` is expected to be; share of the disc of the region, "
+        "about the middle of the measured surface, that lies within 2 mm of the path. Null where "
+        "regions to scan are painted",
+        of="path",
+        limit=0.9,
+        source="as `coverage_fraction`",
+        sense="at least",
+    ),
+    Figure(
         "path_points_smoothed",
         "Path points, smoothed",
         "",
@@ -512,6 +524,7 @@ MAPS = (
         limit=0.9,
         source=WORST_OF_RESULTS,
         sense="at least",
+        truth_of="coverage_predicted_fraction",
     ),
     Figure(
         "inner_coverage_fraction",

@@ -10,6 +10,7 @@ from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.dependencies.staleness import CAPTURE, stale_reason
 from rona_core.app.overview.figure_remedies import figure_remedy
+from rona_core.app.steps.path.path_checks import expected_coverage
 from rona_core.app.steps.scan.landmarks.step import verification
 from rona_core.app.steps.scan.view import unwatched
 from rona_core.session.document import Session
@@ -139,6 +140,8 @@ def _known_at_once(session: Session) -> dict[str, float]:
         known["pointer_tip_sigma_mm"] = results.pointer.value.tip_sigma_mm
     if (burr := results.get("burr")) is not None:
         known["burr_tip_sigma_mm"] = burr.value.tip_sigma_mm
+    if (share := expected_coverage(session)) is not None:
+        known["coverage_predicted_fraction"] = share
     if results.smoothing is not None:
         known["path_deviation_max_mm"] = float(results.smoothing.value.from_filtered_mm.max())
     return known

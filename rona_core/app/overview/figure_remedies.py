@@ -114,6 +114,7 @@ ALIGN = _of_part(
     "registration",
     Remedy("slide the pointer over more of the skull (step 4)", StartSurfaceCapture(append=True)),
 )
+WHOLE_REGION = _always("record a path over the whole region (step 5)", StartPathCapture())
 MOVE = _always("search a better place of the robot's base (step 7)", StartBasePlacement())
 SCAN = _always("scan again (step 8)", StartScan())
 BURR = _of_part("burr", Remedy("register the burr again (step 10)", StartBurrCapture()))
@@ -152,9 +153,8 @@ REMEDIES: dict[str, Find] = {
     "thickness_sigma_predicted_mm": _of_budget("thickness"),
     "scan_thickness_rms_mm": _reference_points,
     "sound_speed_error_percent": _reference_points,
-    "coverage_fraction": _always(
-        "record a path over the whole region (step 5)", StartPathCapture()
-    ),
+    "coverage_predicted_fraction": WHOLE_REGION,
+    "coverage_fraction": WHOLE_REGION,
     "inner_coverage_fraction": _tilted_first(
         _of_part(
             "maps",

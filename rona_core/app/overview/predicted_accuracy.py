@@ -13,6 +13,7 @@ import numpy as np
 from rona_core.app.dependencies.references import TrackerReference, weakest_reference
 from rona_core.app.dependencies.staleness import required
 from rona_core.app.steps.acoustics.thickness_uncertainty import thickness_shares
+from rona_core.app.steps.path.path_checks import expected_coverage
 from rona_core.app.steps.pointer.derivation import EVIDENCE, Evidence, repeating_errors
 from rona_core.app.steps.scan.view import head_figures
 from rona_core.app.steps.surface.derivation import Strokes
@@ -201,6 +202,7 @@ def predicted_figures(session: Session) -> dict[str, float | None]:
         "pointer_tip_sigma_mm": None if pointer is None else pointer.value.tip_sigma_mm,
         "surface_sigma_predicted_mm": None if surface is None else surface.normal_mm,
         "skull_registration_sigma_mm": predict_skull_mm(session),
+        "coverage_predicted_fraction": expected_coverage(session),
         "thickness_sigma_predicted_mm": None if thickness is None else thickness.total_mm,
         **_landmark_figures(session),
         **_burr_figures(session),

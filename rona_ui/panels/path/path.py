@@ -8,6 +8,7 @@ from rona_core.app.steps.path.messages import (
     PaintRegion,
     StartPathCapture,
 )
+from rona_core.app.steps.path.path_checks import expected_coverage
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.capture_controls import DrawingControls, ImportControls, Lifts, Picks
 from rona_ui.panels.widgets.form import Form
@@ -113,7 +114,7 @@ class PathPanel(StepPanel):
 
     def update(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow drawing."""
-        self._drawing.render(new)
+        self._drawing.render(new, _drawn_words(new))
         self._painting.render(new)
         self._pattern.render(new)
         self._import.render(new)
@@ -125,7 +126,18 @@ class PathPanel(StepPanel):
             return ""
         made = "Pattern" if derived.message == "GenerateScanPattern" else "Demonstrated path"
         count = len(derived.value.points_base)
-        return style.note(f"{made} of {count} points (orange line).", "good")
+        words = f"{made} of {count} points (orange line)."
+        share = expected_coverage(snapshot.session)
+        if share is not None:
+            words += f" The scan would cover {100 * share:.0f} % of the region."
+        return style.note(words, "good")
+
+
+def _drawn_words(snapshot: Snapshot) -> str:
+    """Return how much of the region the path that is being drawn would cover; empty before one."""
+    picks = snapshot.view.picks
+    share = expected_coverage(snapshot.session, picks) if len(picks) > 1 else None
+    return "" if share is None else f"It would cover {100 * share:.0f} % of the region."
 
 
 class PatternControls:

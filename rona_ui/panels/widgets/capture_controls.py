@@ -62,8 +62,8 @@ class DrawingControls:
         self._sent = None
         return job.state == "done" and new.view.picks == sent[1]
 
-    def render(self, new: Snapshot) -> None:
-        """Show what can be done now."""
+    def render(self, new: Snapshot, words: str = "") -> None:
+        """Show what can be done now; ``words`` about what is drawn so far."""
         drawing = new.view.drawing == self._kind
         if self._recorded(new):
             self._context.set_view(picks=())
@@ -79,7 +79,7 @@ class DrawingControls:
         self._shorter.visible = drawing and len(view.picks) > 0
         self._drop.visible = (drawing or len(view.picks) > 0) and not new.busy
         self._finish.disabled = blocked or len(view.picks) < 2
-        self._help.content = style.note(_help_words(view)) if drawing else ""
+        self._help.content = style.note(f"{_help_words(view)} {words}".rstrip()) if drawing else ""
 
 
 def _help_words(view: ViewState) -> str:

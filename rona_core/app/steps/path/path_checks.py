@@ -4,9 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rona_core.app.dependencies.judge import fresh
+from rona_core.app.messages.message import Point
+from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.geometry.surface.normals.normals import REASONS, thin_places
+from rona_core.path.coverage import covered_share
 from rona_core.session.document import Session
+from rona_core.session.memo import Memo
 from rona_core.ultrasound.probe.beam import half_echo_tilt_deg
 from rona_core.ultrasound.probe.probe_model import probe_model
 
@@ -37,6 +42,42 @@ class PathCheck:
     warnings: tuple[Stretch, ...]
     thin: Bools  # (m,) another pass of the pointer would help
     proposals: tuple[Stretch, ...]
+
+
+_COVERED: Memo[float | None] = Memo(8)  # every picture asks
+
+
+def _covered(path_base: Floats, surface_base: Floats, radius_mm: float) -> float | None:
+    try:
+        return covered_share(path_base, surface_base, radius_mm)
+    except DegenerateGeometryError:
+        return None
+
+
+def expected_coverage(
+    session: Session, picks_base_mm: tuple[Point, ...] | None = None
+) -> float | None:
+    """Return which share of the region the scan would cover, 0 to 1; None where it is unknown.
+
+    That is before the surface is measured, and where regions to scan are painted.
+
+    Args:
+        session: With the measured surface.
+        picks_base_mm: Places of a path that is being drawn, in place of the recorded one.
+    """
+    cloud, path = fresh("surface", session), fresh("path", session)
+    if cloud is None or session.painted.of("scan"):
+        return None
+    if picks_base_mm is not None:
+        places = readonly(np.array(picks_base_mm, dtype=np.float64).reshape(-1, 3))
+    elif path is not None:
+        places = path.points_base
+    else:
+        return None
+    if not len(places):
+        return None
+    values, radius_mm = (places, cloud.points_base), session.setup.region.radius_mm
+    return _COVERED.get(values, lambda: _covered(*values, radius_mm), radius_mm)
 
 
 def check_path(session: Session) -> PathCheck | None:
