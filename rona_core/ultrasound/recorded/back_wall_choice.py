@@ -36,6 +36,9 @@ MOVED_BETTER = 1.25  # level of an echo aligned as one of the probe, over that a
 AT_FRONT_US = 0.25  # how near a multiple between front and probe is to its time
 PULSE_DELAY = 1.5  # from the emission to the middle of the pulse, over its length
 CONTACT_LEVEL = 0.2  # of the second round trip in a plate, over the first
+CONTACT_LOSS = 0.3  # Np on that way in mid-band: water has less, up to 10 MHz and 60 mm
+LOSS_LENGTHS = 1.5  # of the pulse, either side of an echo whose spectrum is taken
+MOST_AGAIN = 3.0  # times as loud behind an echo of the probe: there are two such ways
 FAINT = 0.05
 LEAST_US = 1e-4
 
@@ -44,10 +47,11 @@ LEAST_US = 1e-4
 class Echo:
     """What most scans have behind the front at about one lag."""
 
-    lag_us: float
+    lag_us: float  # between the peaks of the envelopes
     level: float  # over the front
     foreign: bool = False  # has nothing to do with the plate
     again: bool = False  # as late after the front as this is after the emission
+    loss_np: float = 0.0  # in mid-band on the way since the front, from the slope of the spectrum
     wander_us: float = 0.0  # robust deviation of the lag from scan to scan
     share: float = 1.0  # of the scans that have a peak near the lag
 
@@ -86,7 +90,9 @@ def choose_back_wall(echoes: list[Echo], band: Band, *, cut: bool = False) -> in
     contact = _contact(echoes, band)
     if contact is not None:
         return contact
+    by_probe = [echo for echo in echoes if echo.foreign]
     own = [k for k, echo in enumerate(echoes) if not echo.foreign]
+    own = [k for k in own if not _is_behind(echoes[k], by_probe, [echoes[j] for j in own], band)]
     while own:
         loudest = max((echoes[k] for k in own), key=lambda echo: echo.level)
         loud = [
@@ -123,7 +129,24 @@ def _contact(echoes: list[Echo], band: Band) -> int | None:
         and not is_early_and_weak(echo.lag_us - lag, echo.level / level, band)
     ]
     even = all(abs(k - round(k)) * lag < TWICE * band.length_us * max(round(k), 1) for k in order)
-    return first if even and level > CONTACT_LEVEL else None
+    plate = level > CONTACT_LEVEL or echoes[first].loss_np > CONTACT_LOSS
+    return first if even and plate else None
+
+
+def _is_behind(echo: Echo, by_probe: list[Echo], own: list[Echo], band: Band) -> bool:
+    """Return whether an echo is behind one by way of the probe what another is behind the front.
+
+    Or a lobe of it.
+    """
+    for main in by_probe:
+        after, level = echo.lag_us - main.lag_us, echo.level / main.level
+        if is_early_and_weak(after, level, band) or any(
+            abs(after - o.lag_us) < TWICE * band.length_us and level < MOST_AGAIN * o.level
+            for o in own
+            if o.lag_us < echo.lag_us
+        ):
+            return True
+    return False
 
 
 def _is_lobe(echo: Echo, others: list[Echo], band: Band, cut: bool) -> bool:
@@ -168,6 +191,7 @@ def find_echoes(survey: RfSurvey, pulse_delay_us: float) -> list[Echo]:
     front, band, rate, zero = survey.front, survey.band, survey.sampling_mhz, survey.zero
     length = band.length_us * rate
     envelope = _envelopes(survey)[front.ok]
+    peak = _front_peak(survey)
     usual = np.quantile(envelope, USUAL, axis=0)
     level = _reached(envelope, length)
     noise = float(np.median(noise_rms(envelope, zero, length)))
@@ -193,8 +217,33 @@ def find_echoes(survey: RfSurvey, pulse_delay_us: float) -> list[Echo]:
             peaked = (reached > NEAR_SHARE * height) & (np.abs(lag - zero - at) < near)
             wander = _deviation(lag[peaked] / rate)
             share = float(peaked.mean())
-            echoes.append(Echo(at / rate, height, foreign, again, wander, share))
+            usual_us = float(np.median(lag[peaked] if peaked.any() else zero + at) - peak) / rate
+            loss = _loss_np(survey, zero + at) if again else 0.0
+            echoes.append(Echo(usual_us, height, foreign, again, loss, wander, share))
     return sorted(echoes, key=lambda echo: echo.lag_us)
+
+
+def _front_peak(survey: RfSurvey) -> int:
+    """Return the sample at which the envelope of the mean front is largest."""
+    reach = round(survey.band.length_us * survey.sampling_mhz)
+    mean = np.abs(survey.lines[survey.front.ok].mean(axis=0))
+    return survey.zero - reach + int(np.argmax(mean[survey.zero - reach : survey.zero + reach + 1]))
+
+
+def _loss_np(survey: RfSurvey, middle: int) -> float:
+    """Return the loss in mid-band, in proportion to frequency, from the front to a sample."""
+    rate, band = survey.sampling_mhz, survey.band
+    half = round(LOSS_LENGTHS * band.length_us * rate)
+    f: Floats = np.fft.fftfreq(4 * half, 1.0 / rate).astype(np.float64)
+    powers: list[Floats] = []
+    for at in (survey.zero, middle):
+        pieces = survey.lines[survey.front.ok, at - half : at + half]
+        spectra = np.fft.fft(pieces * np.hanning(2 * half)[: pieces.shape[1]], 4 * half, axis=1)
+        powers.append(np.maximum((np.abs(spectra) ** 2).sum(axis=0), 1e-300))
+    front, later = powers
+    inside = np.abs(f - band.centre_mhz) < 0.5 * band.width_mhz
+    fit = np.polyfit(f[inside], 0.5 * np.log(later / front)[inside], 1, w=np.sqrt(front[inside]))
+    return -float(fit[0]) * band.centre_mhz
 
 
 def _deviation(values: Floats) -> float:
@@ -278,7 +327,7 @@ def _picked(survey: RfSurvey, echo: Echo) -> Track:
     rate, zero = survey.sampling_mhz, survey.zero
     length = survey.band.length_us * rate
     envelope = _envelopes(survey)
-    middle = zero + round(echo.lag_us * rate)
+    middle = _front_peak(survey) + round(echo.lag_us * rate)
     lag, near = _loudest(envelope, middle, SPREAD_LENGTHS * length, zero + round(length))
     wide, far = _loudest(envelope, middle, FAR_LENGTHS * length, zero + round(length))
     # at the edge of what is near it is the flank of something farther
