@@ -11,7 +11,7 @@ from rona_core.geometry.arrays import Bools, Floats
 
 Complexes = NDArray[np.complex128]
 
-WINDOW_US = 4.0  # in which spectra are taken
+WINDOW_US, WINDOW_CYCLES = 4.0, 6.0  # in which spectra are taken, at least
 LOWEST_MHZ = 0.2
 LOUD_SHARE = 0.04  # of the windows that hold echoes
 PRIOR_OCTAVES = 0.5  # how far a named probe may be off
@@ -54,6 +54,7 @@ def find_band(
     sampling_mhz: float,
     prior_mhz: float | None = None,
     emitting: bool = False,
+    window_us: float = WINDOW_US,
 ) -> Band:
     """Return the band of the echoes: the spectrum of the loudest stretches over the usual one.
 
@@ -63,11 +64,12 @@ def find_band(
         sampling_mhz: Of the lines.
         prior_mhz: Nominal centre frequency, where it is known.
         emitting: Whether the lines are known to begin with the emission.
+        window_us: Length of a stretch; longer ones are tried where it holds too few cycles.
 
     Raises:
         DegenerateGeometryError: nothing stands out of the noise.
     """
-    size = min(rf.shape[1], max(32, round(WINDOW_US * sampling_mhz)))
+    size = min(rf.shape[1], max(32, round(window_us * sampling_mhz)))
     every = max(1, len(rf) // 200)
     lines, cut = rf[::every], clipped[::every]
     starts = np.arange(0, rf.shape[1] - size + 1, max(1, size // 2))
@@ -105,6 +107,9 @@ def find_band(
     half = np.flatnonzero(echo[low:high] > 0.25 * echo[top]) + low
     part = slice(int(half[0]), int(half[-1]) + 1)
     centre = float((f[part] * echo[part]).sum() / echo[part].sum())
+    if window_us < 0.8 * WINDOW_CYCLES / centre:  # the window's own width is no echo's
+        longer = WINDOW_CYCLES / centre
+        return find_band(rf, clipped, sampling_mhz, prior_mhz, emitting, longer)
     narrow, wide = RELATIVE_BAND
     width = float(np.clip(f[half[-1]] - f[half[0]], narrow * centre, wide * centre))
     return Band(centre, width, edge)
