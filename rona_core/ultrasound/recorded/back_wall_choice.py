@@ -13,7 +13,7 @@ from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
 from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.geometry.robust import mad_sigma, reweighted_least_squares
-from rona_core.ultrasound.recorded.aligned_lines import RfSurvey, is_swept
+from rona_core.ultrasound.recorded.aligned_lines import RfSurvey, is_swept, pulse_delay_us
 from rona_core.ultrasound.recorded.band import Band, noise_rms
 
 USUAL = 0.35  # share of the scans that may have less of an echo
@@ -21,12 +21,13 @@ SPREAD_LENGTHS = 0.7  # of the pulse, by which a back wall may be off its usual 
 FAR_LENGTHS = 2.0  # the same, for a scan that has nothing within the above
 NEAR_SHARE, FAR_SHARE = 0.3, 0.6  # of the usual level, at least
 LEAST_SNR = 4.0
+LEAST_LENGTHS = 0.7  # of the pulse, between the peaks of two echoes
 RISE = 2.0  # of an echo, over the quietest moment between the front and it
 LEAST_SHARE, CUT_SHARE = 0.22, 0.35  # of the loudest echo; the second where fronts were cut off
 MORE, STILL = 1.5, 0.05  # times as much, and pulse lengths: holes wander more than walls do
 LESS = 0.8  # of its share of scans
 MOST_ECHOES = 24
-LOBES = ((2.6, 0.22), (4.5, 0.13), (9.0, 0.05))  # reach in pulse lengths, level over the front
+LOBES = ((2.6, 0.22), (4.5, 0.13), (9.0, 0.065))  # reach in pulse lengths, level over the front
 LONE = 6.0, 0.08  # reach in pulse lengths, level of a lobe behind which nothing louder comes
 CUT_SHORT = 6.0  # times as high a front may be that was cut off
 TWICE = 0.35  # of the pulse length: how well a multiple fits
@@ -36,7 +37,7 @@ MOVED_BETTER = 1.25  # level of an echo aligned as one of the probe, over that a
 AT_FRONT_US = 0.25  # how near a multiple between front and probe is to its time
 PULSE_DELAY = 1.5  # from the emission to the middle of the pulse, over its length
 CONTACT_LEVEL = 0.2  # of the second round trip in a plate, over the first
-CONTACT_LOSS = 0.3  # Np on that way in mid-band: water has less, up to 10 MHz and 60 mm
+CONTACT_LOSS = 0.22  # Np on that way in mid-band: water has less, up to 8 MHz and 60 mm
 LOSS_LENGTHS = 1.5  # of the pulse, either side of an echo whose spectrum is taken
 MOST_AGAIN = 3.0  # times as loud behind an echo of the probe: there are two such ways
 FAINT = 0.05
@@ -65,16 +66,11 @@ class Track:
     level: float  # over the front, usual
 
 
-def find_back_wall(survey: RfSurvey, pulse_delay_us: float) -> Track | None:
-    """Return the echo of the back wall, or None.
-
-    Args:
-        survey: Lines aligned to their fronts.
-        pulse_delay_us: From the begin of a pulse to the point at which it is timed.
-    """
+def find_back_wall(survey: RfSurvey) -> Track | None:
+    """Return the echo of the back wall in lines aligned to their fronts, or None."""
     if not survey.front.ok.any() or is_swept(survey):
         return None
-    echoes = find_echoes(survey, pulse_delay_us)
+    echoes = find_echoes(survey)
     best = choose_back_wall(echoes, survey.band, cut=survey.cut)
     return None if best is None else _picked(survey, echoes[best])
 
@@ -87,7 +83,7 @@ def choose_back_wall(echoes: list[Echo], band: Band, *, cut: bool = False) -> in
         band: Of the echoes.
         cut: Whether the front was cut off, so that all levels over it are too large.
     """
-    contact = _contact(echoes, band)
+    contact = _contact(echoes, band, cut)
     if contact is not None:
         return contact
     by_probe = [echo for echo in echoes if echo.foreign]
@@ -109,7 +105,7 @@ def choose_back_wall(echoes: list[Echo], band: Band, *, cut: bool = False) -> in
     return None
 
 
-def _contact(echoes: list[Echo], band: Band) -> int | None:
+def _contact(echoes: list[Echo], band: Band, cut: bool) -> int | None:
     """Return the echo that is the second round trip in a plate under the probe itself.
 
     Then nothing lies between emission and back wall: what was taken for the front is the back
@@ -129,7 +125,11 @@ def _contact(echoes: list[Echo], band: Band) -> int | None:
         and not is_early_and_weak(echo.lag_us - lag, echo.level / level, band)
     ]
     even = all(abs(k - round(k)) * lag < TWICE * band.length_us * max(round(k), 1) for k in order)
-    plate = level > CONTACT_LEVEL or echoes[first].loss_np > CONTACT_LOSS
+    if cut:  # the third over the second
+        third = [e.level / level for e in echoes if abs(e.lag_us / lag - 2.0) < 0.1]
+        plate = max(third, default=0.0) > CONTACT_LEVEL
+    else:
+        plate = level > CONTACT_LEVEL or echoes[first].loss_np > CONTACT_LOSS
     return first if even and plate else None
 
 
@@ -164,7 +164,7 @@ def _is_lobe(echo: Echo, others: list[Echo], band: Band, cut: bool) -> bool:
     lobes += [2.0 * o.lag_us for o in later if o.level > 2.0 * echo.level]
     apart = TWICE * band.length_us
     multiple = any(
-        0.2 < o.level / echo.level < min(0.9, MIRROR * echo.level)
+        0.1 < o.level / echo.level < min(1.0, MIRROR * echo.level)
         and all(abs(o.lag_us - lobe) > apart for lobe in lobes)
         and abs(o.lag_us - 2.0 * echo.lag_us) < apart
         for o in others
@@ -181,13 +181,8 @@ def is_early_and_weak(after_us: float, level: float, band: Band) -> bool:
     )
 
 
-def find_echoes(survey: RfSurvey, pulse_delay_us: float) -> list[Echo]:
-    """Return the echoes that most scans share, in the order of their lags.
-
-    Args:
-        survey: Lines aligned to their fronts.
-        pulse_delay_us: From the begin of a pulse to the point at which it is timed.
-    """
+def find_echoes(survey: RfSurvey) -> list[Echo]:
+    """Return the echoes that most scans share, in the order of their lags."""
     front, band, rate, zero = survey.front, survey.band, survey.sampling_mhz, survey.zero
     length = band.length_us * rate
     envelope = _envelopes(survey)[front.ok]
@@ -211,7 +206,7 @@ def find_echoes(survey: RfSurvey, pulse_delay_us: float) -> list[Echo]:
         height = float(level[zero + at])
         alive[max(0, at - first) : at + first + 1] = 0.0
         if middles[at] >= middles[max(0, at - 2) : at + 3].max():  # no flank of a louder one
-            again = _repeats_standoff(survey, at / rate, pulse_delay_us)
+            again = repeats_standoff(survey, at / rate)
             foreign = again or moved(at, height)
             lag, reached = _loudest(envelope, zero + at, SPREAD_LENGTHS * length, zero + first)
             peaked = (reached > NEAR_SHARE * height) & (np.abs(lag - zero - at) < near)
@@ -219,7 +214,8 @@ def find_echoes(survey: RfSurvey, pulse_delay_us: float) -> list[Echo]:
             share = float(peaked.mean())
             usual_us = float(np.median(lag[peaked] if peaked.any() else zero + at) - peak) / rate
             loss = _loss_np(survey, zero + at) if again else 0.0
-            echoes.append(Echo(usual_us, height, foreign, again, loss, wander, share))
+            if usual_us > LEAST_LENGTHS * band.length_us:
+                echoes.append(Echo(usual_us, height, foreign, again, loss, wander, share))
     return sorted(echoes, key=lambda echo: echo.lag_us)
 
 
@@ -298,7 +294,7 @@ class _Moved:
         return max(sharp[1:]) > MOVED_BETTER * sharp[0] and height > 0
 
 
-def _repeats_standoff(survey: RfSurvey, lag_us: float, pulse_delay_us: float) -> bool:
+def repeats_standoff(survey: RfSurvey, lag_us: float) -> bool:
     """Return whether an echo is as late after the front as this is after the emission.
 
     Or a small number of times as late: a multiple between probe and front.
@@ -308,7 +304,7 @@ def _repeats_standoff(survey: RfSurvey, lag_us: float, pulse_delay_us: float) ->
         return False  # a record that begins with ring-down begins with the emission
     time_us = recorded.start_us + float(np.median(front.aligned.at_us[front.ok]))
     # what was timed of the front is later than its begin, by less than a pulse
-    late = AT_FRONT_US + max(PULSE_DELAY * length_us, pulse_delay_us + 0.5 * length_us)
+    late = AT_FRONT_US + max(PULSE_DELAY * length_us, pulse_delay_us(survey) + 0.5 * length_us)
     return any(-AT_FRONT_US < time_us - lag_us / times < late for times in range(1, 7))
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.geometry.robust import mad_sigma
 from rona_core.ultrasound.recorded.aligned_lines import RfSurvey
-from rona_core.ultrasound.recorded.back_wall_choice import Track
+from rona_core.ultrasound.recorded.back_wall_choice import Track, repeats_standoff
 from rona_core.ultrasound.recorded.band import Band, Complexes, noise_rms
 from rona_core.ultrasound.recorded.template_learning import Aligned, align_echoes
 
@@ -231,7 +231,8 @@ def damping(loss_np_per_mhz: Floats | float, f: Floats, band: Band) -> Complexes
 def _ends_in_echo(survey: RfSurvey, centers: Ints) -> Bools:
     """Return which lines (n,) end while an echo is under way that may be the back wall's.
 
-    Near ``centers`` it is what is left of the same echo; elsewhere one that is louder.
+    Near ``centers`` it is what is left of the same echo; elsewhere one that is louder, unless it
+    comes when the front's multiple by way of the probe does.
     """
     rate, zero, length = survey.sampling_mhz, survey.zero, survey.band.length_us
     envelope = np.abs(survey.lines)
@@ -242,4 +243,7 @@ def _ends_in_echo(survey: RfSurvey, centers: Ints) -> Bools:
     at_end = np.where(ending, envelope, 0.0).max(axis=1)
     loudest = np.where(near, envelope, 0.0).max(axis=1)
     close = last - centers < END_LENGTHS * length * rate
-    return at_end > np.where(close, ENDS_LOUD, ENDS_LOUDER) * loudest
+    end_us = float(np.median(last) - zero) / rate
+    later_us = (0.0, 0.5 * survey.band.length_us, survey.band.length_us)  # its rise is seen first
+    again = any(repeats_standoff(survey, end_us + later) for later in later_us)
+    return at_end > np.where(close, ENDS_LOUD, np.inf if again else ENDS_LOUDER) * loudest

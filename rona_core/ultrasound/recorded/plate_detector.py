@@ -13,7 +13,7 @@ from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.geometry.robust import mad_sigma
-from rona_core.ultrasound.recorded.aligned_lines import align_fronts, pulse_delay_us
+from rona_core.ultrasound.recorded.aligned_lines import align_fronts
 from rona_core.ultrasound.recorded.artefacts import (
     find_clipped,
     find_spikes,
@@ -133,7 +133,7 @@ def _found(recorded: RecordedRf, prior_mhz: float | None, report: "_Steps") -> _
     front = find_recorded_fronts(z, clipped, recorded, band)
     report(0.5)
     survey = align_fronts(z, front, recorded, clipped, band)
-    track = find_back_wall(survey, pulse_delay_us(survey))
+    track = find_back_wall(survey)
     report(0.7)
     back = None if track is None else time_back_wall(survey, track)
     report(1.0)
