@@ -20,6 +20,7 @@ USUAL = 0.35  # share of the scans that may have less of an echo
 SPREAD_LENGTHS = 0.7  # of the pulse, by which a back wall may be off its usual lag in a scan
 FAR_LENGTHS = 2.0  # the same, for a scan that has nothing within the above
 NEAR_SHARE, FAR_SHARE = 0.3, 0.6  # of the usual level, at least
+ONE_SAMPLE = 1.4826  # robust deviation of lags that are off by one sample
 LEAST_SNR = 4.0
 LEAST_LENGTHS = 0.7  # of the pulse, between the peaks of two echoes
 RISE = 2.0  # of an echo, over the quietest moment between the front and it
@@ -28,6 +29,7 @@ MORE, STILL = 1.5, 0.05  # times as much, and pulse lengths: holes wander more t
 LESS = 0.8  # of its share of scans
 MOST_ECHOES = 24
 LOBES = ((2.6, 0.22), (4.5, 0.13), (9.0, 0.065))  # reach in pulse lengths, level over the front
+LATE, LOST_NP = 4.5, 1.0  # pulse lengths, loss: a lobe so late is a copy of the front
 LONE = 6.0, 0.08  # reach in pulse lengths, level of a lobe behind which nothing louder comes
 CUT_SHORT = 6.0  # times as high a front may be that was cut off
 TWICE = 0.35  # of the pulse length: how well a multiple fits
@@ -37,7 +39,7 @@ MOVED_BETTER = 1.25  # level of an echo aligned as one of the probe, over that a
 AT_FRONT_US = 0.25  # how near a multiple between front and probe is to its time
 PULSE_DELAY = 1.5  # from the emission to the middle of the pulse, over its length
 CONTACT_LEVEL = 0.2  # of the second round trip in a plate, over the first
-CONTACT_LOSS = 0.22  # Np on that way in mid-band: water has less, up to 8 MHz and 60 mm
+CONTACT_LOSS = 0.3  # Np on that way in mid-band: water has less, up to 10 MHz and 60 mm
 LOSS_LENGTHS = 1.5  # of the pulse, either side of an echo whose spectrum is taken
 MOST_AGAIN = 3.0  # times as loud behind an echo of the probe: there are two such ways
 FAINT = 0.05
@@ -101,7 +103,7 @@ def choose_back_wall(echoes: list[Echo], band: Band, *, cut: bool = False) -> in
         for k in loud:
             if not _is_lobe(echoes[k], [echoes[j] for j in own if j != k], band, cut):
                 return k
-        own = [k for k in own if k not in loud]
+        own = [] if cut else [k for k in own if k not in loud]
     return None
 
 
@@ -157,14 +159,15 @@ def _is_lobe(echo: Echo, others: list[Echo], band: Band, cut: bool) -> bool:
     ``MIRROR``.
     """
     over_front = echo.level / (CUT_SHORT if cut else 1.0)
-    if not is_early_and_weak(echo.lag_us, over_front, band):
+    lossy = echo.lag_us > LATE * band.length_us and echo.loss_np > LOST_NP and not cut
+    if lossy or not is_early_and_weak(echo.lag_us, over_front, band):
         return False
     later = [o for o in others if o.level > 0.6 * echo.level and o.lag_us > echo.lag_us]
     lobes = [o.lag_us + echo.lag_us for o in later]
     lobes += [2.0 * o.lag_us for o in later if o.level > 2.0 * echo.level]
     apart = TWICE * band.length_us
     multiple = any(
-        0.1 < o.level / echo.level < min(1.0, MIRROR * echo.level)
+        0.05 < o.level / echo.level < min(1.1 if cut else 1.0, MIRROR * echo.level)
         and all(abs(o.lag_us - lobe) > apart for lobe in lobes)
         and abs(o.lag_us - 2.0 * echo.lag_us) < apart
         for o in others
@@ -210,10 +213,10 @@ def find_echoes(survey: RfSurvey) -> list[Echo]:
             foreign = again or moved(at, height)
             lag, reached = _loudest(envelope, zero + at, SPREAD_LENGTHS * length, zero + first)
             peaked = (reached > NEAR_SHARE * height) & (np.abs(lag - zero - at) < near)
-            wander = _deviation(lag[peaked] / rate)
+            wander = max(0.0, _deviation(lag[peaked]) - ONE_SAMPLE) / rate
             share = float(peaked.mean())
             usual_us = float(np.median(lag[peaked] if peaked.any() else zero + at) - peak) / rate
-            loss = _loss_np(survey, zero + at) if again else 0.0
+            loss = _loss_np(survey, zero + at)
             if usual_us > LEAST_LENGTHS * band.length_us:
                 echoes.append(Echo(usual_us, height, foreign, again, loss, wander, share))
     return sorted(echoes, key=lambda echo: echo.lag_us)

@@ -246,4 +246,4 @@ def _ends_in_echo(survey: RfSurvey, centers: Ints) -> Bools:
     end_us = float(np.median(last) - zero) / rate
     later_us = (0.0, 0.5 * survey.band.length_us, survey.band.length_us)  # its rise is seen first
     again = any(repeats_standoff(survey, end_us + later) for later in later_us)
-    return at_end > np.where(close, ENDS_LOUD, np.inf if again else ENDS_LOUDER) * loudest
+    return at_end > np.where(close, ENDS_LOUD, 1e9 if again else ENDS_LOUDER) * loudest
