@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
+from scipy.signal import find_peaks
 
 from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.geometry.robust import mad_sigma, reweighted_least_squares
@@ -27,6 +28,7 @@ RISE = 2.0  # of an echo, over the quietest moment between the front and it
 LEAST_SHARE, CUT_SHARE = 0.22, 0.35  # of the loudest echo; the second where fronts were cut off
 MORE, STILL = 1.5, 0.05  # times as much, and pulse lengths: holes wander more than walls do
 LESS = 0.8  # of its share of scans
+PROMINENT = 0.33  # of a peak near a louder one, over the valley between them
 MOST_ECHOES = 24
 LOBES = ((2.6, 0.22), (4.5, 0.13), (9.0, 0.065))  # reach in pulse lengths, level over the front
 LATE, LOST_NP = 4.5, 1.0  # pulse lengths, loss: a lobe so late is a copy of the front
@@ -189,37 +191,48 @@ def find_echoes(survey: RfSurvey) -> list[Echo]:
     front, band, rate, zero = survey.front, survey.band, survey.sampling_mhz, survey.zero
     length = band.length_us * rate
     envelope = _envelopes(survey)[front.ok]
-    peak = _front_peak(survey)
-    usual = np.quantile(envelope, USUAL, axis=0)
-    level = _reached(envelope, length)
-    noise = float(np.median(noise_rms(envelope, zero, length)))
-    first = round(length)
-    # the quietest moment so far, before all that counts as near
-    near = round(SPREAD_LENGTHS * length)
-    lowest = np.minimum.accumulate(usual[zero:])
-    lowest = np.concatenate((np.full(near, lowest[0]), lowest))[: len(lowest)]
-    alive = level[zero:].copy()
-    alive[: first + 1] = 0.0
-    alive[(alive < LEAST_SNR * noise) | (alive < RISE * lowest)] = 0.0
-    middles = uniform_filter1d(alive, 2 * round(0.5 * length) + 1)
+    peak, first, near = _front_peak(survey), round(length), round(SPREAD_LENGTHS * length)
     moved = _moved(survey)
     echoes: list[Echo] = []
-    while alive.any() and len(echoes) < MOST_ECHOES:
+    for at, height in _places(envelope, zero, length):
+        again = repeats_standoff(survey, at / rate)
+        lag, reached = _loudest(envelope, zero + at, SPREAD_LENGTHS * length, zero + first)
+        peaked = (reached > NEAR_SHARE * height) & (np.abs(lag - zero - at) < near)
+        wander = max(0.0, _deviation(lag[peaked]) - ONE_SAMPLE) / rate
+        share = float(peaked.mean())
+        usual_us = float(np.median(lag[peaked] if peaked.any() else zero + at) - peak) / rate
+        loss = _loss_np(survey, zero + at)
+        if usual_us > LEAST_LENGTHS * band.length_us:
+            foreign = again or moved(at)
+            echoes.append(Echo(usual_us, height, foreign, again, loss, wander, share))
+    return sorted(echoes, key=lambda echo: echo.lag_us)
+
+
+def _places(envelope: Floats, zero: int, length: float) -> list[tuple[int, float]]:
+    """Return where echoes are behind the front, in samples, and their levels."""
+    usual = np.quantile(envelope, USUAL, axis=0)[zero:]
+    level = _reached(envelope, length)[zero:]
+    least = LEAST_SNR * float(np.median(noise_rms(envelope, zero, length)))
+    first = round(length)
+    # the quietest moment so far, before all that counts as near
+    lowest = np.minimum.accumulate(usual)
+    before = np.concatenate((np.full(round(SPREAD_LENGTHS * length), lowest[0]), lowest))
+    alive = np.where((level < least) | (level < RISE * before[: len(level)]), 0.0, level)
+    alive[: first + 1] = 0.0
+    middles = uniform_filter1d(alive, 2 * round(0.5 * length) + 1)
+    found: list[tuple[int, float]] = []
+    while alive.any() and len(found) < MOST_ECHOES:
         at = int(np.argmax(np.where(alive > 0, middles, 0.0)))
-        height = float(level[zero + at])
         alive[max(0, at - first) : at + first + 1] = 0.0
         if middles[at] >= middles[max(0, at - 2) : at + 3].max():  # no flank of a louder one
-            again = repeats_standoff(survey, at / rate)
-            foreign = again or moved(at, height)
-            lag, reached = _loudest(envelope, zero + at, SPREAD_LENGTHS * length, zero + first)
-            peaked = (reached > NEAR_SHARE * height) & (np.abs(lag - zero - at) < near)
-            wander = max(0.0, _deviation(lag[peaked]) - ONE_SAMPLE) / rate
-            share = float(peaked.mean())
-            usual_us = float(np.median(lag[peaked] if peaked.any() else zero + at) - peak) / rate
-            loss = _loss_np(survey, zero + at)
-            if usual_us > LEAST_LENGTHS * band.length_us:
-                echoes.append(Echo(usual_us, height, foreign, again, loss, wander, share))
-    return sorted(echoes, key=lambda echo: echo.lag_us)
+            found.append((at, float(level[at])))
+    # near a louder one only a peak of its own shows that there is another
+    peaks, shape = find_peaks(usual, least, prominence=0.0)
+    clear = (shape["prominences"] > PROMINENT * usual[peaks]) & (usual[peaks] > RISE * lowest[peaks])
+    for at in peaks[clear & (peaks > first)]:
+        if all(abs(int(at) - other) > first for other, _ in found):
+            found.append((int(at), float(usual[at])))
+    return found
 
 
 def _front_peak(survey: RfSurvey) -> int:
@@ -284,17 +297,17 @@ class _Moved:
     off: Floats  # (n,) of the fronts, in samples
     length: float
 
-    def __call__(self, at: int, height: float) -> bool:
+    def __call__(self, at: int) -> bool:
         if mad_sigma(self.off) < MOVES_US * self.length:
             return False
-        half = round(2.0 * self.length)
+        half = round(self.length)
         rows = np.arange(len(self.off))[:, None]
         sharp: list[float] = []
         for times in (0.0, -1.0, 1.0, 2.0):
             index = self.zero + at + np.rint(times * self.off).astype(int)[:, None]
             index = np.clip(index + np.arange(-half, half + 1), 0, self.envelope.shape[1] - 1)
             sharp.append(float(np.quantile(self.envelope[rows, index], USUAL, axis=0).max()))
-        return max(sharp[1:]) > MOVED_BETTER * sharp[0] and height > 0
+        return max(sharp[1:]) > MOVED_BETTER * sharp[0]
 
 
 def repeats_standoff(survey: RfSurvey, lag_us: float) -> bool:
