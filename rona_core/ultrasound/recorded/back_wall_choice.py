@@ -23,11 +23,12 @@ FAR_LENGTHS = 2.0  # the same, for a scan that has nothing within the above
 NEAR_SHARE, FAR_SHARE = 0.3, 0.6  # of the usual level, at least
 ONE_SAMPLE = 1.4826  # robust deviation of lags that are off by one sample
 LEAST_SNR = 4.0
+PLANE_SCANS = 8  # that tell a plane from scatter
 LEAST_LENGTHS = 0.7  # of the pulse, between the peaks of two echoes
 RISE = 2.0  # of an echo, over the quietest moment between the front and it
 LEAST_SHARE, CUT_SHARE = 0.22, 0.35  # of the loudest echo; the second where fronts were cut off
 MORE, STILL = 1.5, 0.05  # times as much, and pulse lengths: holes wander more than walls do
-LESS = 0.8  # of its share of scans
+LESS = 0.9  # of its share of scans
 PROMINENT = 0.33  # of a peak near a louder one, over the valley between them
 MOST_ECHOES = 24
 LOBES = ((2.6, 0.22), (4.5, 0.13), (9.0, 0.065))  # reach in pulse lengths, level over the front
@@ -99,7 +100,10 @@ def choose_back_wall(echoes: list[Echo], band: Band, *, cut: bool = False) -> in
             k
             for k in own
             if echoes[k].level >= (CUT_SHARE if cut else LEAST_SHARE) * loudest.level
-            and echoes[k].wander_us <= MORE * loudest.wander_us + STILL * band.length_us
+            and (
+                echoes[k].lag_us > loudest.lag_us
+                or echoes[k].wander_us <= MORE * loudest.wander_us + STILL * band.length_us
+            )
             and echoes[k].share >= LESS * loudest.share
         ]
         for k in loud:
@@ -120,12 +124,12 @@ def _contact(echoes: list[Echo], band: Band, cut: bool) -> int | None:
     if not again:
         return None
     first = max(again, key=lambda k: echoes[k].level)
-    lag, level = echoes[first].lag_us, echoes[first].level
+    lag, level, late_us = echoes[first].lag_us, echoes[first].level, LATE * band.length_us
     order = [
         echo.lag_us / lag
         for echo in echoes
         if echo.level > FAINT * level
-        and not is_early_and_weak(echo.lag_us, echo.level, band)
+        and not (echo.lag_us < late_us and is_early_and_weak(echo.lag_us, echo.level, band))
         and not is_early_and_weak(echo.lag_us - lag, echo.level / level, band)
     ]
     even = all(abs(k - round(k)) * lag < TWICE * band.length_us * max(round(k), 1) for k in order)
@@ -192,13 +196,13 @@ def find_echoes(survey: RfSurvey) -> list[Echo]:
     length = band.length_us * rate
     envelope = _envelopes(survey)[front.ok]
     peak, first, near = _front_peak(survey), round(length), round(SPREAD_LENGTHS * length)
-    moved = _moved(survey)
+    moved, place = _moved(survey), _scan_places(survey)[front.ok]
     echoes: list[Echo] = []
     for at, height in _places(envelope, zero, length):
         again = repeats_standoff(survey, at / rate)
         lag, reached = _loudest(envelope, zero + at, SPREAD_LENGTHS * length, zero + first)
         peaked = (reached > NEAR_SHARE * height) & (np.abs(lag - zero - at) < near)
-        wander = max(0.0, _deviation(lag[peaked]) - ONE_SAMPLE) / rate
+        wander = max(0.0, _deviation(lag[peaked], place[peaked]) - ONE_SAMPLE) / rate
         share = float(peaked.mean())
         usual_us = float(np.median(lag[peaked] if peaked.any() else zero + at) - peak) / rate
         loss = _loss_np(survey, zero + at)
@@ -258,8 +262,11 @@ def _loss_np(survey: RfSurvey, middle: int) -> float:
     return -float(fit[0]) * band.centre_mhz
 
 
-def _deviation(values: Floats) -> float:
-    return mad_sigma(values, center=float(np.median(values))) if len(values) else 0.0
+def _deviation(values: Ints, place: Floats) -> float:
+    """Return the robust deviation of values (n,) from a plane over places (n, d)."""
+    if len(values) < PLANE_SCANS:
+        return mad_sigma(values, center=float(np.median(values))) if len(values) else 0.0
+    return mad_sigma(plane_residuals(values.astype(np.float64), place))
 
 
 def _envelopes(survey: RfSurvey) -> Floats:
@@ -276,12 +283,16 @@ def _reached(envelope: Floats, length: float) -> Floats:
     return np.quantile(wide, USUAL, axis=0)
 
 
+def _scan_places(survey: RfSurvey) -> Floats:
+    """Return the positions (n, d) of the scans, their order where these are not known."""
+    order = np.arange(len(survey.lines), dtype=np.float64)[:, None]
+    return order if survey.positions_mm is None else survey.positions_mm
+
+
 def _moved(survey: RfSurvey) -> "_Moved":
     ok, rate = survey.front.ok, survey.sampling_mhz
-    time_us = survey.front.aligned.at_us[ok]
-    place = survey.positions_mm
-    place = np.arange(len(ok), dtype=np.float64)[:, None] if place is None else place
-    off = plane_residuals(time_us, place[ok]) if len(time_us) >= 8 else np.zeros(len(time_us))
+    time_us, place = survey.front.aligned.at_us[ok], _scan_places(survey)[ok]
+    off = plane_residuals(time_us, place) if len(time_us) >= PLANE_SCANS else 0.0 * time_us
     return _Moved(_envelopes(survey)[ok], survey.zero, off * rate, survey.band.length_us * rate)
 
 

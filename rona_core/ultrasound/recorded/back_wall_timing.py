@@ -88,7 +88,8 @@ def time_back_wall(survey: RfSurvey, track: Track) -> BackEchoes:
     scatter = mad_sigma(found[confident], center=usual) if confident.any() else 0.0
     strays = np.abs(found - usual) > max(STRAYS_LENGTHS * band.length_us, STRAYS_TIMES * scatter)
     confident &= ~strays
-    if (detected & ~confident).sum() > MOST_UNSURE * detected.sum():
+    unlike = match.correlation < ALIKE and not survey.cut
+    if unlike or (detected & ~confident).sum() > MOST_UNSURE * detected.sum():
         confident[:] = False  # the mean is of more than one echo, or of different cycles
     # bandwidth times time is about 1; what a scan is unlike the mean counts as noise does
     unlike = np.sqrt(np.clip(1.0 - aligned.correlation**2, 0.0, 1.0))

@@ -97,7 +97,8 @@ def detect_recorded(
         later = _behind(recorded, found)
         if later is not None:
             again = _found(later, prior_mhz, _Steps(silent, cancel))
-            if again.alike > found.alike + MORE_ALIKE:
+            better = again.alike > found.alike + MORE_ALIKE
+            if better or (again.alike > UNLIKE and not _stands_still(again)):
                 recorded, found = later, again
     judged = _judged(recorded, found, sound_speed_mm_per_us)
     if judged.ok.any():  # noise reaches up to half the sampling rate, too, but holds no plate
@@ -143,11 +144,14 @@ def _found(recorded: RecordedRf, prior_mhz: float | None, report: "_Steps") -> _
 def _may_be_emission(found: _Found) -> bool:
     """Return whether the front may be the emission, in a record that began before it.
 
-    It stands still to the trigger's precision, and what follows is not alike.
     """
+    ok, begins = found.front.ok, found.front.quiet_from.any()
+    return bool(ok.any()) and not begins and (ok.sum() < FEW or _stands_still(found))
+
+
+def _stands_still(found: _Found) -> bool:
+    """Return whether the front does not move, to the trigger's precision."""
     at = found.front.aligned.at_us[found.front.ok]
-    if len(at) == 0 or found.front.quiet_from.any() or found.alike > UNLIKE:
-        return False
     return len(at) < FEW or mad_sigma(at, center=float(np.median(at))) < TRIGGER_US
 
 
