@@ -23,7 +23,6 @@ FAR_LENGTHS = 2.0  # the same, for a scan that has nothing within the above
 NEAR_SHARE, FAR_SHARE = 0.3, 0.6  # of the usual level, at least
 ONE_SAMPLE = 1.4826  # robust deviation of lags that are off by one sample
 LEAST_SNR = 4.0
-PLANE_SCANS = 8  # that tell a plane from scatter
 LEAST_LENGTHS = 0.7  # of the pulse, between the peaks of two echoes
 RISE = 2.0  # of an echo, over the quietest moment between the front and it
 LEAST_SHARE, CUT_SHARE = 0.22, 0.35  # of the loudest echo; the second where fronts were cut off
@@ -196,13 +195,13 @@ def find_echoes(survey: RfSurvey) -> list[Echo]:
     length = band.length_us * rate
     envelope = _envelopes(survey)[front.ok]
     peak, first, near = _front_peak(survey), round(length), round(SPREAD_LENGTHS * length)
-    moved, place = _moved(survey), _scan_places(survey)[front.ok]
+    moved = _moved(survey)
     echoes: list[Echo] = []
     for at, height in _places(envelope, zero, length):
         again = repeats_standoff(survey, at / rate)
         lag, reached = _loudest(envelope, zero + at, SPREAD_LENGTHS * length, zero + first)
         peaked = (reached > NEAR_SHARE * height) & (np.abs(lag - zero - at) < near)
-        wander = max(0.0, _deviation(lag[peaked], place[peaked]) - ONE_SAMPLE) / rate
+        wander = max(0.0, _deviation(lag[peaked]) - ONE_SAMPLE) / rate
         share = float(peaked.mean())
         usual_us = float(np.median(lag[peaked] if peaked.any() else zero + at) - peak) / rate
         loss = _loss_np(survey, zero + at)
@@ -262,11 +261,8 @@ def _loss_np(survey: RfSurvey, middle: int) -> float:
     return -float(fit[0]) * band.centre_mhz
 
 
-def _deviation(values: Ints, place: Floats) -> float:
-    """Return the robust deviation of values (n,) from a plane over places (n, d)."""
-    if len(values) < PLANE_SCANS:
-        return mad_sigma(values, center=float(np.median(values))) if len(values) else 0.0
-    return mad_sigma(plane_residuals(values.astype(np.float64), place))
+def _deviation(values: Ints) -> float:
+    return mad_sigma(values, center=float(np.median(values))) if len(values) else 0.0
 
 
 def _envelopes(survey: RfSurvey) -> Floats:
@@ -283,16 +279,12 @@ def _reached(envelope: Floats, length: float) -> Floats:
     return np.quantile(wide, USUAL, axis=0)
 
 
-def _scan_places(survey: RfSurvey) -> Floats:
-    """Return the positions (n, d) of the scans, their order where these are not known."""
-    order = np.arange(len(survey.lines), dtype=np.float64)[:, None]
-    return order if survey.positions_mm is None else survey.positions_mm
-
-
 def _moved(survey: RfSurvey) -> "_Moved":
     ok, rate = survey.front.ok, survey.sampling_mhz
-    time_us, place = survey.front.aligned.at_us[ok], _scan_places(survey)[ok]
-    off = plane_residuals(time_us, place) if len(time_us) >= PLANE_SCANS else 0.0 * time_us
+    time_us = survey.front.aligned.at_us[ok]
+    place = survey.positions_mm
+    place = np.arange(len(ok), dtype=np.float64)[:, None] if place is None else place
+    off = plane_residuals(time_us, place[ok]) if len(time_us) >= 8 else np.zeros(len(time_us))
     return _Moved(_envelopes(survey)[ok], survey.zero, off * rate, survey.band.length_us * rate)
 
 
