@@ -132,12 +132,12 @@ def _contact(echoes: list[Echo], band: Band, cut: bool) -> int | None:
         and not is_early_and_weak(echo.lag_us - lag, echo.level / level, band)
     ]
     even = all(abs(k - round(k)) * lag < TWICE * band.length_us * max(round(k), 1) for k in order)
-    if cut:  # the third over the second
-        third = [e.level / level for e in echoes if abs(e.lag_us / lag - 2.0) < 0.1]
-        plate = max(third, default=0.0) > CONTACT_LEVEL
-    else:
-        plate = level > CONTACT_LEVEL or echoes[first].loss_np > CONTACT_LOSS
-    return first if even and plate else None
+    loss = echoes[first].loss_np
+    if cut:  # the third against the second
+        third = [e for e in echoes if abs(e.lag_us / lag - 2.0) < 0.1]
+        level = max((e.level for e in third), default=0.0) / level
+        loss = max((e.loss_np for e in third), default=loss) - loss
+    return first if even and (level > CONTACT_LEVEL or loss > CONTACT_LOSS) else None
 
 
 def _is_behind(echo: Echo, by_probe: list[Echo], own: list[Echo], band: Band) -> bool:
@@ -231,7 +231,9 @@ def _places(envelope: Floats, zero: int, length: float) -> list[tuple[int, float
             found.append((at, float(level[at])))
     # near a louder one only a peak of its own shows that there is another
     peaks, shape = find_peaks(usual, least, prominence=0.0)
-    clear = (shape["prominences"] > PROMINENT * usual[peaks]) & (usual[peaks] > RISE * lowest[peaks])
+    clear = (shape["prominences"] > PROMINENT * usual[peaks]) & (
+        usual[peaks] > RISE * lowest[peaks]
+    )
     for at in peaks[clear & (peaks > first)]:
         if all(abs(int(at) - other) > first for other, _ in found):
             found.append((int(at), float(usual[at])))

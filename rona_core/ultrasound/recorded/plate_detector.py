@@ -142,9 +142,7 @@ def _found(recorded: RecordedRf, prior_mhz: float | None, report: "_Steps") -> _
 
 
 def _may_be_emission(found: _Found) -> bool:
-    """Return whether the front may be the emission, in a record that began before it.
-
-    """
+    """Return whether the front may be the emission, in a record that began before it."""
     ok, begins = found.front.ok, found.front.quiet_from.any()
     return bool(ok.any()) and not begins and (ok.sum() < FEW or _stands_still(found))
 
