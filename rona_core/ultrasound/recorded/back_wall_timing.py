@@ -29,7 +29,8 @@ RISEN = 0.5  # of the largest value, to which it is
 MOST_UNSURE = 0.3  # of the scans with an echo; if more are, all are
 STRAYS_LENGTHS, STRAYS_TIMES = 0.5, 4.0  # pulse lengths, robust deviations, off the usual lag
 LONGEST = 3.0, 5.0  # of the pulse, before and behind the point at which a front is timed
-OTHER_RISE, OTHER_SHARE = 2.0, 0.85  # another echo: over the valley before it, over the echo
+OTHER_RISE = 2.0  # of another echo, over the valley between
+OTHER_SHARE, CUT_SHARE = 0.35, 0.85  # over the echo; pulses that are cut off have many lobes
 MOST_GAIN = 5.0  # by which a loss is taken back
 END_LENGTHS = 2.0  # of the pulse: so far before the end of a line an echo may belong to one
 ENDS_LOUD = 0.35  # that is cut off there, and is as loud as this share of it
@@ -143,11 +144,13 @@ def _means(survey: RfSurvey, aligned: Aligned, used: Bools) -> tuple[Complexes, 
     )
     back = np.median(turned.real, axis=0) + 1j * np.median(turned.imag, axis=0)
     front = survey.lines[rows, survey.zero - before : survey.zero + after + 1].mean(axis=0)
-    taper = taper * _alone(np.abs(back), before, length * rate)
+    taper = taper * _alone(
+        np.abs(back), before, length * rate, CUT_SHARE if survey.cut else OTHER_SHARE
+    )
     return np.asarray(front * taper), np.asarray(back * taper)
 
 
-def _alone(envelope: Floats, middle: int, length: float) -> Floats:
+def _alone(envelope: Floats, middle: int, length: float, share: float) -> Floats:
     """Return 1 (k,) about the peak at ``middle``, falling to 0 where something else comes."""
     near = round(0.5 * length)
     low = max(0, middle - near)
@@ -157,7 +160,7 @@ def _alone(envelope: Floats, middle: int, length: float) -> Floats:
     for side in (-1, 1):
         part = envelope[peak::side]
         lowest = np.minimum.accumulate(part)
-        risen = part > np.maximum(OTHER_RISE * lowest, OTHER_SHARE * part[0])
+        risen = part > np.maximum(OTHER_RISE * lowest, share * part[0])
         if risen.any():
             end = int(np.argmin(part[: int(np.argmax(risen))]))
             window *= np.clip((end - side * (index - peak)) / max(near, 1), 0.0, 1.0)
