@@ -141,10 +141,7 @@ def _contact(echoes: list[Echo], band: Band, cut: bool) -> int | None:
 
 
 def _is_behind(echo: Echo, by_probe: list[Echo], own: list[Echo], band: Band) -> bool:
-    """Return whether an echo is behind one by way of the probe what another is behind the front.
-
-    Or a lobe of it.
-    """
+    """Return whether an echo is to one by way of the probe what others are to the front."""
     for main in by_probe:
         after, level = echo.lag_us - main.lag_us, echo.level / main.level
         if is_early_and_weak(after, level, band) or any(
@@ -195,31 +192,34 @@ def find_echoes(survey: RfSurvey) -> list[Echo]:
     length = band.length_us * rate
     envelope = _envelopes(survey)[front.ok]
     peak, first, near = _front_peak(survey), round(length), round(SPREAD_LENGTHS * length)
-    moved = _moved(survey)
+    moves = _moves(survey) * rate
     echoes: list[Echo] = []
     for at, height in _places(envelope, zero, length):
         again = repeats_standoff(survey, at / rate)
         lag, reached = _loudest(envelope, zero + at, SPREAD_LENGTHS * length, zero + first)
         peaked = (reached > NEAR_SHARE * height) & (np.abs(lag - zero - at) < near)
-        wander = max(0.0, _deviation(lag[peaked]) - ONE_SAMPLE) / rate
-        share = float(peaked.mean())
-        usual_us = float(np.median(lag[peaked] if peaked.any() else zero + at) - peak) / rate
-        loss = _loss_np(survey, zero + at)
-        if usual_us > LEAST_LENGTHS * band.length_us:
-            foreign = again or moved(at)
-            echoes.append(Echo(usual_us, height, foreign, again, loss, wander, share))
+        usual = float(np.median(lag[peaked])) if peaked.any() else zero + at
+        if usual - peak > LEAST_LENGTHS * length:
+            foreign = again or _is_moved(envelope, zero + at, moves, length)
+            off = lag[peaked] - usual if peaked.any() else np.zeros(1)
+            wander_us = max(0.0, mad_sigma(off) - ONE_SAMPLE) / rate
+            loss, share = _loss_np(survey, zero + at), float(peaked.mean())
+            lag_us = (usual - peak) / rate
+            echoes.append(Echo(lag_us, height, foreign, again, loss, wander_us, share))
     return sorted(echoes, key=lambda echo: echo.lag_us)
 
 
 def _places(envelope: Floats, zero: int, length: float) -> list[tuple[int, float]]:
     """Return where echoes are behind the front, in samples, and their levels."""
     usual = np.quantile(envelope, USUAL, axis=0)[zero:]
-    level = _reached(envelope, length)[zero:]
+    near = round(SPREAD_LENGTHS * length)
+    wide = maximum_filter1d(envelope, 2 * near + 1, axis=1)
+    level = np.quantile(wide, USUAL, axis=0)[zero:]
     least = LEAST_SNR * float(np.median(noise_rms(envelope, zero, length)))
     first = round(length)
     # the quietest moment so far, before all that counts as near
     lowest = np.minimum.accumulate(usual)
-    before = np.concatenate((np.full(round(SPREAD_LENGTHS * length), lowest[0]), lowest))
+    before = np.concatenate((np.full(near, lowest[0]), lowest))
     alive = np.where((level < least) | (level < RISE * before[: len(level)]), 0.0, level)
     alive[: first + 1] = 0.0
     middles = uniform_filter1d(alive, 2 * round(0.5 * length) + 1)
@@ -230,12 +230,9 @@ def _places(envelope: Floats, zero: int, length: float) -> list[tuple[int, float
         if middles[at] >= middles[max(0, at - 2) : at + 3].max():  # no flank of a louder one
             found.append((at, float(level[at])))
     # near a louder one only a peak of its own shows that there is another
-    peaks, shape = find_peaks(usual, least, prominence=0.0)
-    clear = (shape["prominences"] > PROMINENT * usual[peaks]) & (
-        usual[peaks] > RISE * lowest[peaks]
-    )
-    for at in peaks[clear & (peaks > first)]:
-        if all(abs(int(at) - other) > first for other, _ in found):
+    least_here = np.maximum(least, RISE * lowest)
+    for at in find_peaks(usual, least_here, prominence=PROMINENT * usual)[0]:
+        if at > first and all(abs(int(at) - other) > first for other, _ in found):
             found.append((int(at), float(usual[at])))
     return found
 
@@ -263,10 +260,6 @@ def _loss_np(survey: RfSurvey, middle: int) -> float:
     return -float(fit[0]) * band.centre_mhz
 
 
-def _deviation(values: Ints) -> float:
-    return mad_sigma(values, center=float(np.median(values))) if len(values) else 0.0
-
-
 def _envelopes(survey: RfSurvey) -> Floats:
     """Return the envelopes (n, samples) of the aligned lines, 0 behind the end of the record."""
     last = survey.recorded.rf.shape[1] - survey.front.aligned.at_us * survey.sampling_mhz
@@ -275,44 +268,30 @@ def _envelopes(survey: RfSurvey) -> Floats:
     return np.where(index < last[:, None], np.abs(survey.lines), 0.0)
 
 
-def _reached(envelope: Floats, length: float) -> Floats:
-    """Return the level (samples,) that most scans reach near each lag."""
-    wide = maximum_filter1d(envelope, 2 * round(SPREAD_LENGTHS * length) + 1, axis=1)
-    return np.quantile(wide, USUAL, axis=0)
+def _moves(survey: RfSurvey) -> Floats:
+    """Return how far each front (n,) is off a plane over the positions, in us.
 
-
-def _moved(survey: RfSurvey) -> "_Moved":
-    ok, rate = survey.front.ok, survey.sampling_mhz
-    time_us = survey.front.aligned.at_us[ok]
-    place = survey.positions_mm
-    place = np.arange(len(ok), dtype=np.float64)[:, None] if place is None else place
-    off = plane_residuals(time_us, place[ok]) if len(time_us) >= 8 else np.zeros(len(time_us))
-    return _Moved(_envelopes(survey)[ok], survey.zero, off * rate, survey.band.length_us * rate)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Moved:
-    """Whether an echo stands still in the record, or moves twice as far as the front.
-
-    Beyond a plane over the positions: a wedge on a tilted plate moves with it too.
+    Beyond that, for a wedge on a tilted plate moves with it too.
     """
+    ok = survey.front.ok
+    time_us, place = survey.front.aligned.at_us[ok], survey.positions_mm
+    place = np.arange(len(ok), dtype=np.float64)[:, None] if place is None else place
+    return plane_residuals(time_us, place[ok]) if len(time_us) >= 8 else np.zeros(len(time_us))
 
-    envelope: Floats  # (n, samples)
-    zero: int
-    off: Floats  # (n,) of the fronts, in samples
-    length: float
 
-    def __call__(self, at: int) -> bool:
-        if mad_sigma(self.off) < MOVES_US * self.length:
-            return False
-        half = round(self.length)
-        rows = np.arange(len(self.off))[:, None]
-        sharp: list[float] = []
-        for times in (0.0, -1.0, 1.0, 2.0):
-            index = self.zero + at + np.rint(times * self.off).astype(int)[:, None]
-            index = np.clip(index + np.arange(-half, half + 1), 0, self.envelope.shape[1] - 1)
-            sharp.append(float(np.quantile(self.envelope[rows, index], USUAL, axis=0).max()))
-        return max(sharp[1:]) > MOVED_BETTER * sharp[0]
+def _is_moved(envelope: Floats, at: int, off: Floats, length: float) -> bool:
+    """Return whether an echo stands still in the record, or moves twice as far as the front."""
+    if mad_sigma(off) < MOVES_US * length:
+        return False
+    sharp: list[float] = []
+    for times in (0.0, -1.0, 1.0, 2.0):
+        index = at + np.rint(times * off).astype(int)[:, None]
+        index = np.clip(
+            index + np.arange(-round(length), round(length) + 1), 0, envelope.shape[1] - 1
+        )
+        moved = np.take_along_axis(envelope, index, axis=1)
+        sharp.append(float(np.quantile(moved, USUAL, axis=0).max()))
+    return max(sharp[1:]) > MOVED_BETTER * sharp[0]
 
 
 def repeats_standoff(survey: RfSurvey, lag_us: float) -> bool:

@@ -144,26 +144,23 @@ def _means(survey: RfSurvey, aligned: Aligned, used: Bools) -> tuple[Complexes, 
     )
     back = np.median(turned.real, axis=0) + 1j * np.median(turned.imag, axis=0)
     front = survey.lines[rows, survey.zero - before : survey.zero + after + 1].mean(axis=0)
-    taper = taper * _alone(
-        np.abs(back), before, length * rate, CUT_SHARE if survey.cut else OTHER_SHARE
-    )
+    other = CUT_SHARE if survey.cut else OTHER_SHARE
+    taper = taper * _alone(np.abs(back), before, round(0.5 * length * rate), other)
     return np.asarray(front * taper), np.asarray(back * taper)
 
 
-def _alone(envelope: Floats, middle: int, length: float, share: float) -> Floats:
+def _alone(envelope: Floats, middle: int, near: int, share: float) -> Floats:
     """Return 1 (k,) about the peak at ``middle``, falling to 0 where something else comes."""
-    near = round(0.5 * length)
     low = max(0, middle - near)
     peak = low + int(np.argmax(envelope[low : middle + near + 1]))
-    index = np.arange(len(envelope))
-    window = np.ones(len(envelope))
+    index, window = np.arange(len(envelope)) - peak, np.ones(len(envelope))
     for side in (-1, 1):
         part = envelope[peak::side]
         lowest = np.minimum.accumulate(part)
         risen = part > np.maximum(OTHER_RISE * lowest, share * part[0])
         if risen.any():
             end = int(np.argmin(part[: int(np.argmax(risen))]))
-            window *= np.clip((end - side * (index - peak)) / max(near, 1), 0.0, 1.0)
+            window *= np.clip((end - side * index) / max(near, 1), 0.0, 1.0)
     return window
 
 
@@ -247,7 +244,6 @@ def _ends_in_echo(survey: RfSurvey, centers: Ints) -> Bools:
     at_end = np.where(ending, envelope, 0.0).max(axis=1)
     loudest = np.where(near, envelope, 0.0).max(axis=1)
     close = last - centers < END_LENGTHS * length * rate
-    end_us = float(np.median(last) - zero) / rate
-    later_us = (0.0, 0.5 * survey.band.length_us, survey.band.length_us)  # its rise is seen first
-    again = any(repeats_standoff(survey, end_us + later) for later in later_us)
+    end = float(np.median(last)) - zero  # where the rise of an echo is seen first
+    again = any(repeats_standoff(survey, (end + k * length * rate) / rate) for k in (0.0, 0.5, 1.0))
     return at_end > np.where(close, ENDS_LOUD, 1e9 if again else ENDS_LOUDER) * loudest

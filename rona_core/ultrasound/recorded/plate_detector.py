@@ -35,7 +35,7 @@ from rona_core.ultrasound.recorded.front_wall import FrontEchoes, find_recorded_
 OK, NO_FRONT, NO_BACK, UNSURE, CUT_OFF = range(5)
 SPEEDS_MM_PER_US = (0.5, 10.0)
 START_US = 1.0  # after the emission, that a record begins with it
-UNLIKE = 0.95  # correlation of front and back wall, below which one of them is no echo
+ALIKE = 0.95  # correlation of front and back wall, above which both are echoes
 MORE_ALIKE = 0.03
 TRIGGER_US = 0.003
 FEW = 4  # scans, which do not tell what stands still
@@ -93,13 +93,13 @@ def detect_recorded(
     check_lines(recorded.rf)
     recorded = replace(recorded, rf=near_one(recorded.rf))
     found = _found(recorded, prior_mhz, _Steps(progress, cancel))
-    if not recorded.start_known and _may_be_emission(found):
+    begins = recorded.start_known or found.front.quiet_from.any()
+    if not begins and found.front.ok.any() and _stands_still(found):
         later = _behind(recorded, found)
-        if later is not None:
-            again = _found(later, prior_mhz, _Steps(silent, cancel))
-            better = again.alike > found.alike + MORE_ALIKE
-            if better or (again.alike > UNLIKE and not _stands_still(again)):
-                recorded, found = later, again
+        again = found if later is None else _found(later, prior_mhz, _Steps(silent, cancel))
+        moves = again.alike > ALIKE and not _stands_still(again)
+        if later is not None and (moves or again.alike > found.alike + MORE_ALIKE):
+            recorded, found = later, again
     judged = _judged(recorded, found, sound_speed_mm_per_us)
     if judged.ok.any():  # noise reaches up to half the sampling rate, too, but holds no plate
         require_sampled(found.band, recorded.sampling_mhz)
@@ -141,14 +141,8 @@ def _found(recorded: RecordedRf, prior_mhz: float | None, report: "_Steps") -> _
     return _Found(front, back, np.asarray(clipped.any(axis=1)), band)
 
 
-def _may_be_emission(found: _Found) -> bool:
-    """Return whether the front may be the emission, in a record that began before it."""
-    ok, begins = found.front.ok, found.front.quiet_from.any()
-    return bool(ok.any()) and not begins and (ok.sum() < FEW or _stands_still(found))
-
-
 def _stands_still(found: _Found) -> bool:
-    """Return whether the front does not move, to the trigger's precision."""
+    """Return whether the front stands still to the trigger's precision, as an emission does."""
     at = found.front.aligned.at_us[found.front.ok]
     return len(at) < FEW or mad_sigma(at, center=float(np.median(at))) < TRIGGER_US
 
