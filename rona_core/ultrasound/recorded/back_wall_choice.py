@@ -201,7 +201,7 @@ def find_echoes(survey: RfSurvey) -> list[Echo]:
         usual = float(np.median(lag[peaked])) if peaked.any() else zero + at
         if usual - peak > LEAST_LENGTHS * length:
             foreign = again or _is_moved(envelope, zero + at, moves, length)
-            off = lag[peaked] - usual if peaked.any() else np.zeros(1)
+            off: Floats = (lag[peaked] if peaked.any() else np.full(1, usual)).astype(float) - usual
             wander_us = max(0.0, mad_sigma(off) - ONE_SAMPLE) / rate
             loss, share = _loss_np(survey, zero + at), float(peaked.mean())
             lag_us = (usual - peak) / rate

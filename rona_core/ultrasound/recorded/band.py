@@ -12,6 +12,7 @@ from rona_core.geometry.arrays import Bools, Floats
 Complexes = NDArray[np.complex128]
 
 WINDOW_US, WINDOW_CYCLES = 4.0, 6.0  # in which spectra are taken, at least
+LEAST_WINDOWS = 4  # in a record, that show what is usual
 LOWEST_MHZ = 0.2
 LOUD_SHARE = 0.04  # of the windows that hold echoes
 PRIOR_OCTAVES = 0.5  # how far a named probe may be off
@@ -107,8 +108,8 @@ def find_band(
     half = np.flatnonzero(echo[low:high] > 0.25 * echo[top]) + low
     part = slice(int(half[0]), int(half[-1]) + 1)
     centre = float((f[part] * echo[part]).sum() / echo[part].sum())
-    if window_us < 0.8 * WINDOW_CYCLES / centre:  # the window's own width is no echo's
-        longer = WINDOW_CYCLES / centre
+    longer = WINDOW_CYCLES / centre  # the window's own width is no echo's
+    if window_us < 0.8 * longer and rf.shape[1] > LEAST_WINDOWS * longer * sampling_mhz:
         return find_band(rf, clipped, sampling_mhz, prior_mhz, emitting, longer)
     narrow, wide = RELATIVE_BAND
     width = float(np.clip(f[half[-1]] - f[half[0]], narrow * centre, wide * centre))
