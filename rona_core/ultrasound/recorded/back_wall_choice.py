@@ -12,7 +12,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 from scipy.signal import find_peaks
 
-from rona_core.geometry.arrays import Bools, Floats, Ints
+from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.robust import mad_sigma, reweighted_least_squares
 from rona_core.ultrasound.recorded.aligned_lines import RfSurvey, is_swept, pulse_delay_us
 from rona_core.ultrasound.recorded.band import Band, noise_rms
@@ -21,12 +21,11 @@ USUAL = 0.35  # share of the scans that may have less of an echo
 SPREAD_LENGTHS = 0.7  # of the pulse, by which a back wall may be off its usual lag in a scan
 FAR_LENGTHS = 2.0  # the same, for a scan that has nothing within the above
 NEAR_SHARE, FAR_SHARE = 0.3, 0.6  # of the usual level, at least
-ONE_SAMPLE = 1.4826  # robust deviation of lags that are off by one sample
 LEAST_SNR = 4.0
 LEAST_LENGTHS = 0.7  # of the pulse, between the peaks of two echoes
 RISE = 2.0  # of an echo, over the quietest moment between the front and it
 LEAST_SHARE, CUT_SHARE = 0.22, 0.35  # of the loudest echo; the second where fronts were cut off
-MORE, STILL = 1.5, 0.1  # times as much, and pulse lengths: holes wander more than walls do
+MORE, STILL = 1.5, 0.05  # times as much, and pulse lengths: holes wander more than walls do
 LESS = 0.9  # of its share of scans
 PROMINENT = 0.33  # of a peak near a louder one, over the valley between them
 MOST_ECHOES = 24
@@ -201,8 +200,7 @@ def find_echoes(survey: RfSurvey) -> list[Echo]:
         usual = float(np.median(lag[peaked])) if peaked.any() else zero + at
         if usual - peak > LEAST_LENGTHS * length:
             foreign = again or _is_moved(envelope, zero + at, moves, length)
-            off: Floats = (lag[peaked] if peaked.any() else np.full(1, usual)).astype(float) - usual
-            wander_us = max(0.0, mad_sigma(off) - ONE_SAMPLE) / rate
+            wander_us = mad_sigma(lag[peaked] - usual) / rate if peaked.any() else 0.0
             loss, share = _loss_np(survey, zero + at), float(peaked.mean())
             lag_us = (usual - peak) / rate
             echoes.append(Echo(lag_us, height, foreign, again, loss, wander_us, share))
@@ -336,9 +334,11 @@ def _picked(survey: RfSurvey, echo: Echo) -> Track:
     return Track(lag_us.astype(np.float64), present, echo.level)
 
 
-def _loudest(envelope: Floats, middle: int, reach: float, first: int) -> tuple[Ints, Floats]:
-    """Return sample and level (n,) of the largest value about a sample, no flank of another."""
+def _loudest(envelope: Floats, middle: int, reach: float, first: int) -> tuple[Floats, Floats]:
+    """Return place in samples and level (n,) of the largest value about a sample."""
     low, high = max(first, middle - round(reach)), middle + round(reach) + 1
     part = envelope[:, low:high]
-    at = np.argmax(part, axis=1)
-    return (low + at).astype(np.int64), part[np.arange(len(part)), at]
+    at, rows = np.argmax(part, axis=1), np.arange(len(part))
+    left, mid, right = (part[rows, np.clip(at + k, 0, part.shape[1] - 1)] for k in (-1, 0, 1))
+    bend = np.minimum(left - 2.0 * mid + right, -1e-12)
+    return low + at + np.clip(0.5 * (left - right) / bend, -0.5, 0.5), mid
