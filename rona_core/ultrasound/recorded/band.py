@@ -100,20 +100,25 @@ def find_band(
     if not echo.max() > 0:
         raise DegenerateGeometryError("there is no echo in these lines: every stretch is alike")
     echo = _smoothed(echo, f)
-    top = int(np.argmax(echo))
-    # two echoes in one window make a comb: its teeth belong together
-    inside = echo > floor * echo[top]
-    low = top - int(np.argmin(inside[top::-1])) + 1 if not inside[: top + 1].all() else 0
-    high = top + int(np.argmin(inside[top:])) if not inside[top:].all() else len(f)
-    half = np.flatnonzero(echo[low:high] > 0.25 * echo[top]) + low
-    part = slice(int(half[0]), int(half[-1]) + 1)
+    part = _main_part(echo, floor)
     centre = float((f[part] * echo[part]).sum() / echo[part].sum())
     longer = WINDOW_CYCLES / centre  # the window's own width is no echo's
     if window_us < 0.8 * longer and rf.shape[1] > LEAST_WINDOWS * longer * sampling_mhz:
         return find_band(rf, clipped, sampling_mhz, prior_mhz, emitting, longer)
     narrow, wide = RELATIVE_BAND
-    width = float(np.clip(f[half[-1]] - f[half[0]], narrow * centre, wide * centre))
+    width = float(np.clip(f[part][-1] - f[part][0], narrow * centre, wide * centre))
     return Band(centre, width, edge)
+
+
+def _main_part(echo: Floats, floor: float) -> slice:
+    """Return where the power (f,) is above a quarter of its largest, teeth of a comb together."""
+    top = int(np.argmax(echo))
+    # two echoes in one window make a comb: its teeth belong together
+    inside = echo > floor * echo[top]
+    low = top - int(np.argmin(inside[top::-1])) + 1 if not inside[: top + 1].all() else 0
+    high = top + int(np.argmin(inside[top:])) if not inside[top:].all() else len(echo)
+    half = np.flatnonzero(echo[low:high] > 0.25 * echo[top]) + low
+    return slice(int(half[0]), int(half[-1]) + 1)
 
 
 def require_sampled(band: Band, sampling_mhz: float) -> None:
