@@ -24,7 +24,6 @@ SEEDS = (21, 22, 23)  # others than those the detection was adjusted with
 LABORATORY_SEEDS = range(500, 530)
 WRONG_MM = 1.0
 WRONG_SHARE = 0.2  # of the thickness, for thin plates
-FLAGGED = "chirped"  # swept emissions are not compressed, and flagged
 TOLD_MM = 3.0  # the older methods look this far on either side of the truth
 Method = Callable[[Recording, Case], tuple[Floats, Bools]]
 
@@ -79,7 +78,7 @@ def run(progress: Progress) -> list[Metric]:
     metrics.append(
         Metric("flagged_with_contact_fraction", float(np.mean(flagged)), "share", "lower", 0.02)
     )
-    metrics.append(Metric("worst bias_mm", float(np.max(np.abs(biases))), "mm", "lower", 0.08))
+    metrics.append(Metric("worst bias_mm", float(np.max(np.abs(biases))), "mm", "lower", 0.06))
     metrics += laboratories(progress)
     metrics += run_windows(progress)
     made = record(varied(CASES["plate over a floor"], scans=200))
@@ -101,29 +100,22 @@ def laboratories(progress: Progress) -> list[Metric]:
         lacking = float(np.mean([one.lacking for one in found]))
         told = float(np.mean([abs(one.told - one.failed) for one in found]))
         wrongs.append(wrong)
-        if family != FLAGGED:
-            lacks.append(lacking)
+        lacks.append(lacking)
         known = [one for one in found if one.error_mm is not None]
         if known:
             error = float(np.median([one.error_mm or 0.0 for one in known]))
             sd = float(np.median([one.sd_mm for one in known]))
             errors.append(error)
-            metrics.append(Metric(f"|mean error| mm, {family}", error, "mm", "lower", 0.12))
+            metrics.append(Metric(f"|mean error| mm, {family}", error, "mm", "lower", 0.1))
             metrics.append(Metric(f"robust sd_mm, {family}", sd, "mm", "lower"))
-        metrics.append(Metric(f"unflagged failures, {family}", wrong, "share", "lower"))
+        metrics.append(Metric(f"unflagged failures, {family}", wrong, "share", "lower", 0.05))
         metrics.append(Metric(f"flagged though readable, {family}", lacking, "share", "lower"))
         metrics.append(Metric(f"failure_fraction off truth, {family}", told, "share", "lower"))
     return [
         *metrics,
         Metric("median |mean error| mm, all", float(np.median(errors)), "mm", "lower", 0.05),
-        Metric("unflagged failures, all", float(np.mean(wrongs)), "share", "lower", 0.03),
-        Metric(
-            f"flagged though readable, all but {FLAGGED}",
-            float(np.mean(lacks)),
-            "share",
-            "lower",
-            0.05,
-        ),
+        Metric("unflagged failures, all", float(np.mean(wrongs)), "share", "lower", 0.012),
+        Metric("flagged though readable, all", float(np.mean(lacks)), "share", "lower", 0.05),
     ]
 
 

@@ -12,7 +12,7 @@ from rona_core.ultrasound.recorded.front_wall import FrontEchoes
 BEFORE_LENGTHS, MOST_BEFORE_LENGTHS = 3.0, 8.0  # of the pulse, kept in front of the front wall
 PULSE_CONTINUES = 0.35  # of the mean front's peak: above it the pulse goes on
 LONGEST_LENGTHS = 5.0  # of 1 / bandwidth; more is a swept emission, not compressed
-FLAT_TOP, FLAT_LENGTHS = 0.7, 1.3  # share of the peak, pulse lengths above it
+FLAT_TOP, FLAT_LENGTHS = 0.6, 1.75  # share of the peak, pulse lengths above it
 ONSET = 0.04  # of the peak, at which a pulse begins
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.geometry.robust import mad_sigma
 from rona_core.ultrasound.recorded.aligned_lines import RfSurvey
-from rona_core.ultrasound.recorded.back_wall_choice import Track
+from rona_core.ultrasound.recorded.back_wall_choice import Track, repeats_standoff
 from rona_core.ultrasound.recorded.band import Band, Complexes, noise_rms
 from rona_core.ultrasound.recorded.template_learning import Aligned, align_echoes
 
@@ -29,6 +29,8 @@ RISEN = 0.5  # of the largest value, to which it is
 MOST_UNSURE = 0.3  # of the scans with an echo; if more are, all are
 STRAYS_LENGTHS, STRAYS_TIMES = 0.5, 4.0  # pulse lengths, robust deviations, off the usual lag
 LONGEST = 3.0, 5.0  # of the pulse, before and behind the point at which a front is timed
+OTHER_RISE = 2.0  # of another echo, over the valley between
+OTHER_SHARE, CUT_SHARE = 0.35, 0.85  # over the echo; pulses that are cut off have many lobes
 MOST_GAIN = 5.0  # by which a loss is taken back
 END_LENGTHS = 2.0  # of the pulse: so far before the end of a line an echo may belong to one
 ENDS_LOUD = 0.35  # that is cut off there, and is as loud as this share of it
@@ -87,7 +89,8 @@ def time_back_wall(survey: RfSurvey, track: Track) -> BackEchoes:
     scatter = mad_sigma(found[confident], center=usual) if confident.any() else 0.0
     strays = np.abs(found - usual) > max(STRAYS_LENGTHS * band.length_us, STRAYS_TIMES * scatter)
     confident &= ~strays
-    if (detected & ~confident).sum() > MOST_UNSURE * detected.sum():
+    unlike = match.correlation < ALIKE and not survey.cut
+    if unlike or (detected & ~confident).sum() > MOST_UNSURE * detected.sum():
         confident[:] = False  # the mean is of more than one echo, or of different cycles
     # bandwidth times time is about 1; what a scan is unlike the mean counts as noise does
     unlike = np.sqrt(np.clip(1.0 - aligned.correlation**2, 0.0, 1.0))
@@ -141,7 +144,24 @@ def _means(survey: RfSurvey, aligned: Aligned, used: Bools) -> tuple[Complexes, 
     )
     back = np.median(turned.real, axis=0) + 1j * np.median(turned.imag, axis=0)
     front = survey.lines[rows, survey.zero - before : survey.zero + after + 1].mean(axis=0)
+    other = CUT_SHARE if survey.cut else OTHER_SHARE
+    taper = taper * _alone(np.abs(back), before, round(0.5 * length * rate), other)
     return np.asarray(front * taper), np.asarray(back * taper)
+
+
+def _alone(envelope: Floats, middle: int, near: int, share: float) -> Floats:
+    """Return 1 (k,) about the peak at ``middle``, falling to 0 where something else comes."""
+    low = max(0, middle - near)
+    peak = low + int(np.argmax(envelope[low : middle + near + 1]))
+    index, window = np.arange(len(envelope)) - peak, np.ones(len(envelope))
+    for side in (-1, 1):
+        part = envelope[peak::side]
+        lowest = np.minimum.accumulate(part)
+        risen = part > np.maximum(OTHER_RISE * lowest, share * part[0])
+        if risen.any():
+            end = int(np.argmin(part[: int(np.argmax(risen))]))
+            window *= np.clip((end - side * index) / max(near, 1), 0.0, 1.0)
+    return window
 
 
 def match_echoes(front: Complexes, back: Complexes, rate: float, band: Band) -> Match:
@@ -212,7 +232,8 @@ def damping(loss_np_per_mhz: Floats | float, f: Floats, band: Band) -> Complexes
 def _ends_in_echo(survey: RfSurvey, centers: Ints) -> Bools:
     """Return which lines (n,) end while an echo is under way that may be the back wall's.
 
-    Near ``centers`` it is what is left of the same echo; elsewhere one that is louder.
+    Near ``centers`` it is what is left of the same echo; elsewhere one that is louder, unless it
+    comes when the front's multiple by way of the probe does.
     """
     rate, zero, length = survey.sampling_mhz, survey.zero, survey.band.length_us
     envelope = np.abs(survey.lines)
@@ -223,4 +244,6 @@ def _ends_in_echo(survey: RfSurvey, centers: Ints) -> Bools:
     at_end = np.where(ending, envelope, 0.0).max(axis=1)
     loudest = np.where(near, envelope, 0.0).max(axis=1)
     close = last - centers < END_LENGTHS * length * rate
-    return at_end > np.where(close, ENDS_LOUD, ENDS_LOUDER) * loudest
+    end = float(np.median(last)) - zero  # where the rise of an echo is seen first
+    again = any(repeats_standoff(survey, (end + k * length * rate) / rate) for k in (0.0, 0.5, 1.0))
+    return at_end > np.where(close, ENDS_LOUD, 1e9 if again else ENDS_LOUDER) * loudest

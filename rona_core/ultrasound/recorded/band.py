@@ -11,7 +11,8 @@ from rona_core.geometry.arrays import Bools, Floats
 
 Complexes = NDArray[np.complex128]
 
-WINDOW_US = 4.0  # in which spectra are taken
+WINDOW_US, WINDOW_CYCLES = 4.0, 6.0  # in which spectra are taken, at least
+LEAST_WINDOWS = 4  # in a record, that show what is usual
 LOWEST_MHZ = 0.2
 LOUD_SHARE = 0.04  # of the windows that hold echoes
 PRIOR_OCTAVES = 0.5  # how far a named probe may be off
@@ -54,6 +55,7 @@ def find_band(
     sampling_mhz: float,
     prior_mhz: float | None = None,
     emitting: bool = False,
+    window_us: float = WINDOW_US,
 ) -> Band:
     """Return the band of the echoes: the spectrum of the loudest stretches over the usual one.
 
@@ -63,11 +65,12 @@ def find_band(
         sampling_mhz: Of the lines.
         prior_mhz: Nominal centre frequency, where it is known.
         emitting: Whether the lines are known to begin with the emission.
+        window_us: Length of a stretch; longer ones are tried where it holds too few cycles.
 
     Raises:
         DegenerateGeometryError: nothing stands out of the noise.
     """
-    size = min(rf.shape[1], max(32, round(WINDOW_US * sampling_mhz)))
+    size = min(rf.shape[1], max(32, round(window_us * sampling_mhz)))
     every = max(1, len(rf) // 200)
     lines, cut = rf[::every], clipped[::every]
     starts = np.arange(0, rf.shape[1] - size + 1, max(1, size // 2))
@@ -97,17 +100,25 @@ def find_band(
     if not echo.max() > 0:
         raise DegenerateGeometryError("there is no echo in these lines: every stretch is alike")
     echo = _smoothed(echo, f)
+    part = _main_part(echo, floor)
+    centre = float((f[part] * echo[part]).sum() / echo[part].sum())
+    longer = WINDOW_CYCLES / centre  # the window's own width is no echo's
+    if window_us < 0.8 * longer and rf.shape[1] > LEAST_WINDOWS * longer * sampling_mhz:
+        return find_band(rf, clipped, sampling_mhz, prior_mhz, emitting, longer)
+    narrow, wide = RELATIVE_BAND
+    width = float(np.clip(f[part][-1] - f[part][0], narrow * centre, wide * centre))
+    return Band(centre, width, edge)
+
+
+def _main_part(echo: Floats, floor: float) -> slice:
+    """Return where the power (f,) is above a quarter of its largest, teeth of a comb together."""
     top = int(np.argmax(echo))
     # two echoes in one window make a comb: its teeth belong together
     inside = echo > floor * echo[top]
     low = top - int(np.argmin(inside[top::-1])) + 1 if not inside[: top + 1].all() else 0
-    high = top + int(np.argmin(inside[top:])) if not inside[top:].all() else len(f)
+    high = top + int(np.argmin(inside[top:])) if not inside[top:].all() else len(echo)
     half = np.flatnonzero(echo[low:high] > 0.25 * echo[top]) + low
-    part = slice(int(half[0]), int(half[-1]) + 1)
-    centre = float((f[part] * echo[part]).sum() / echo[part].sum())
-    narrow, wide = RELATIVE_BAND
-    width = float(np.clip(f[half[-1]] - f[half[0]], narrow * centre, wide * centre))
-    return Band(centre, width, edge)
+    return slice(int(half[0]), int(half[-1]) + 1)
 
 
 def require_sampled(band: Band, sampling_mhz: float) -> None:

@@ -13,7 +13,7 @@ from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.geometry.robust import mad_sigma
-from rona_core.ultrasound.recorded.aligned_lines import align_fronts, pulse_delay_us
+from rona_core.ultrasound.recorded.aligned_lines import align_fronts
 from rona_core.ultrasound.recorded.artefacts import (
     find_clipped,
     find_spikes,
@@ -35,7 +35,7 @@ from rona_core.ultrasound.recorded.front_wall import FrontEchoes, find_recorded_
 OK, NO_FRONT, NO_BACK, UNSURE, CUT_OFF = range(5)
 SPEEDS_MM_PER_US = (0.5, 10.0)
 START_US = 1.0  # after the emission, that a record begins with it
-UNLIKE = 0.95  # correlation of front and back wall, below which one of them is no echo
+ALIKE = 0.95  # correlation of front and back wall, above which both are echoes
 MORE_ALIKE = 0.03
 TRIGGER_US = 0.003
 FEW = 4  # scans, which do not tell what stands still
@@ -93,12 +93,13 @@ def detect_recorded(
     check_lines(recorded.rf)
     recorded = replace(recorded, rf=near_one(recorded.rf))
     found = _found(recorded, prior_mhz, _Steps(progress, cancel))
-    if not recorded.start_known and _may_be_emission(found):
+    begins = recorded.start_known or found.front.quiet_from.any()
+    if not begins and found.front.ok.any() and _stands_still(found):
         later = _behind(recorded, found)
-        if later is not None:
-            again = _found(later, prior_mhz, _Steps(silent, cancel))
-            if again.alike > found.alike + MORE_ALIKE:
-                recorded, found = later, again
+        again = found if later is None else _found(later, prior_mhz, _Steps(silent, cancel))
+        moves = again.alike > ALIKE and not _stands_still(again)
+        if later is not None and (moves or again.alike > found.alike + MORE_ALIKE):
+            recorded, found = later, again
     judged = _judged(recorded, found, sound_speed_mm_per_us)
     if judged.ok.any():  # noise reaches up to half the sampling rate, too, but holds no plate
         require_sampled(found.band, recorded.sampling_mhz)
@@ -133,21 +134,16 @@ def _found(recorded: RecordedRf, prior_mhz: float | None, report: "_Steps") -> _
     front = find_recorded_fronts(z, clipped, recorded, band)
     report(0.5)
     survey = align_fronts(z, front, recorded, clipped, band)
-    track = find_back_wall(survey, pulse_delay_us(survey))
+    track = find_back_wall(survey)
     report(0.7)
     back = None if track is None else time_back_wall(survey, track)
     report(1.0)
     return _Found(front, back, np.asarray(clipped.any(axis=1)), band)
 
 
-def _may_be_emission(found: _Found) -> bool:
-    """Return whether the front may be the emission, in a record that began before it.
-
-    It stands still to the trigger's precision, and what follows is not alike.
-    """
+def _stands_still(found: _Found) -> bool:
+    """Return whether the front stands still to the trigger's precision, as an emission does."""
     at = found.front.aligned.at_us[found.front.ok]
-    if len(at) == 0 or found.front.quiet_from.any() or found.alike > UNLIKE:
-        return False
     return len(at) < FEW or mad_sigma(at, center=float(np.median(at))) < TRIGGER_US
 
 

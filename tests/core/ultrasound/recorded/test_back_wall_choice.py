@@ -72,3 +72,38 @@ def test_a_probe_on_the_plate_hears_multiples_of_one_time_and_nothing_else():
     # another echo between them: water, and a plate behind it
     assert chosen(echo(14.0, 0.5), second) == 0
     assert chosen(echo(14.0, 0.5), second, echo(28.0, 0.1)) == 0
+
+
+def test_a_soft_plate_under_the_probe_is_told_by_its_loss():
+    assert chosen(echo(20.0, 0.1, foreign=True, again=True, loss_np=0.6)) == 0
+    assert chosen(echo(20.0, 0.1, foreign=True, again=True, loss_np=0.1)) is None  # water
+    # nothing is known of a level over a front that was cut off, but of the third over the second
+    second = echo(20.0, 0.5, foreign=True, again=True)
+    assert chosen(second, cut=True) is None
+    assert chosen(second, echo(40.0, 0.2, foreign=True, again=True), cut=True) == 0
+    assert chosen(second, echo(40.0, 0.05, foreign=True, again=True), cut=True) is None
+    soft = echo(40.0, 0.05, foreign=True, again=True, loss_np=0.5)
+    assert chosen(second, soft, cut=True) == 0
+
+
+def test_what_comes_behind_a_multiple_of_the_probe_as_behind_the_front_is_no_other_wall():
+    probe = echo(30.0, 0.12, foreign=True, again=True)
+    assert chosen(echo(4.0, 0.05), probe, echo(34.0, 0.006)) is None
+    assert chosen(echo(12.0, 0.3), probe, echo(42.0, 0.07)) == 0
+    assert chosen(echo(4.0, 0.05), probe, echo(38.0, 0.05)) == 2
+
+
+def test_a_late_echo_that_lost_its_high_frequencies_is_no_lobe():
+    floor = echo(20.0, 0.1)
+    assert chosen(echo(7.0, 0.05), floor) == 1
+    assert chosen(echo(7.0, 0.05, loss_np=1.5), floor) == 0
+    assert chosen(echo(2.0, 0.05, loss_np=1.5), floor) == 1  # the front is too near to tell
+
+
+def test_a_wall_may_wander_more_than_a_lobe_before_it():
+    assert chosen(echo(2.0, 0.4), echo(10.0, 0.35, wander_us=0.3), cut=True) == 1
+
+
+def test_fronts_that_were_cut_off_leave_no_fainter_wall_behind_their_lobes():
+    assert chosen(echo(2.0, 0.4), echo(9.0, 0.02), cut=True) is None
+    assert chosen(echo(2.0, 0.07), echo(12.0, 0.01)) == 1
