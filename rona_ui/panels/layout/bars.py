@@ -9,6 +9,7 @@ from rona_core.app.declarations.declarations import Judgement
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.judge import StepState, step_judgement
 from rona_core.app.overview.acceptance import Judgement as FiguresJudgement
+from rona_core.app.overview.acceptance import pending_figures
 from rona_core.app.procedure import Stage, next_stage
 from rona_core.app.steps.implant.milling_motion import layer_at
 from rona_core.app.steps.roll.view import place_of_roll
@@ -17,7 +18,13 @@ from rona_core.app.steps.scan.planned_motion import motion_stale, motion_times
 from rona_ui.labels import doing
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
-from rona_ui.panels.widgets.step_panel import GO_ON, JudgementNote, StepPanel, judged
+from rona_ui.panels.widgets.step_panel import (
+    GO_ON,
+    JudgementNote,
+    StepPanel,
+    judged,
+    rows_of,
+)
 from rona_ui.presentation.shown import (
     probe_on_bone,
     replay_duration_s,
@@ -47,22 +54,36 @@ class StepList:
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Draw the rows that have changed."""
-        if not changed(old, new, "steps", "figures", "judged", "view.step"):
+        if not changed(old, new, "steps", "figures", "judged", "computing", "view.step"):
             return
+        waiting = judged_later(new)
         for state in new.steps:
             active, found = state.name == new.view.step, judged(new, state.name)
-            self._rows[state.name].content = row(state, active, found)
+            html = row(state, active, found, waits=state.name in waiting)
+            self._rows[state.name].content = html
 
 
-def row(state: StepState, active: bool, found: FiguresJudgement) -> str:
-    """Return one row of the list; a step whose figures fail is not done."""
+def judged_later(snapshot: Snapshot) -> frozenset[str]:
+    """Return the steps whose figures are being computed, so that nobody knows yet if they pass."""
+    if not snapshot.computing:
+        return frozenset()
+    pending = pending_figures(snapshot.session, snapshot.judged)
+    rows = (row for row in rows_of(snapshot) if row.key in pending)
+    return frozenset(row.step for row in rows if row.limit is not None)
+
+
+def row(state: StepState, active: bool, found: FiguresJudgement, *, waits: bool = False) -> str:
+    """Return one row of the list; a step whose figures fail, or are still awaited, is not done."""
     icon, word, color = style.STATES[state.state]
     reason = "" if state.reason == state.state else state.reason
     mark = ""
-    if found.missed and state.state in ("done", "partial", "ready"):
+    if waits and state.state == "done":
+        icon, word, color = style.JUDGING
+    elif found.missed and state.state in ("done", "partial", "ready"):
         reason = "; ".join((*(row.sentence for row in found.missed), reason))
         if found.verdict == "fail" and state.state == "done":  # it is not, before that is mended
             icon, word, color = style.VERDICTS["fail"]
+            word = f"{icon} {word}"
         else:
             mark = style.verdict(found.verdict) + "&ensp;"
     return (

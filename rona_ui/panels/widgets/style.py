@@ -13,6 +13,7 @@ STATES = {  # state -> (icon, word, colour); text, icon and colour together
     "blocked": ("–", "blocked", "#5f6b76"),
     "stale": ("!", "stale", "#a34700"),
 }
+JUDGING = ("…", "judging", MUTED)  # of a step whose figures are being computed
 VERDICTS = {
     "pass": ("✔", "pass", "#00694d"),
     "review": ("▲", "review", "#a34700"),

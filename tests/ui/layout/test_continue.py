@@ -169,12 +169,12 @@ def test_what_is_offered_says_what_it_brings_and_is_started_or_skipped(scanned):
 
 
 def test_a_further_stage_of_the_open_step_is_sent_as_it_is_proposed(demo):
-    bare = demo.with_result("speed", None).with_capture("references", None)
-    browser = Browser(snapshot(bare, "maps"))
+    bare = demo.with_result("burr", None).with_capture("burr", None)
+    browser = Browser(snapshot(bare, "implant"))
     assert browser.bar._stage == next_stage(bare)
-    browser.click("Continue: Measure with caliper")
+    browser.click("Continue: Register the burr")
     assert browser.sent == [next_stage(bare).message]
-    assert browser.at.view.step == "maps"
+    assert browser.at.view.step == "implant"
 
 
 def test_a_stale_step_is_not_built_upon(scanned):

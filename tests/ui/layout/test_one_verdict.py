@@ -17,7 +17,8 @@ from rona_core.devices.live import LiveState
 from rona_core.devices.samples import JointSample
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import Session
-from rona_ui.panels.layout.bars import GO_ON, RunBar, StepList, StepTitle
+from rona_ui.panels.layout.bars import GO_ON, RunBar, StepList, StepTitle, judged_later
+from rona_ui.panels.layout.bars import row as row_of_step
 from rona_ui.panels.layout.docks import STEP_PANELS
 from rona_ui.panels.layout.quality import QualityPanel
 from rona_ui.panels.maps.maps import MapsPanel
@@ -301,3 +302,15 @@ def test_a_caliper_that_contradicts_the_echoes_fails_the_predicted_thickness(dem
     assert contradicted.verdict == "fail"
     assert "contradicts the echoes" in contradicted.reason
     assert "not those of bone" in contradicted.sentence
+
+
+def test_a_step_is_being_judged_until_its_figures_are_known(demo):
+    at = snapshot(demo, "maps")
+    waiting = replace(at, figures={}, judged=None, computing=True)
+    assert "maps" in judged_later(waiting)
+    (state,) = [one for one in waiting.steps if one.name == "maps"]
+    html = row_of_step(state, True, judged(waiting, "maps"), waits=True)
+    assert "judging" in html
+    assert ">done<" not in html
+    assert judged_later(replace(waiting, computing=False)) == frozenset()
+    assert judged_later(replace(at, judged=demo, computing=True)) == frozenset()
