@@ -290,8 +290,15 @@ class Surgeon:
         self.frame.get_by_role("tab", name=name).click()
 
     def states(self) -> list[str]:
-        """Return the badge of each step."""
-        return self.frame.evaluate(STATES)
+        """Return the badge of each step, once none is being judged any more."""
+        found: list[str] = []
+
+        def judged() -> bool:
+            found[:] = self.frame.evaluate(STATES)
+            return "judging" not in found
+
+        wait_for(judged, "the steps to be judged")
+        return found
 
     def wait_state(self, name: str, state: str) -> None:
         """Wait until a step has a state; one that is made counts as done, whatever its figures."""
