@@ -9,7 +9,7 @@ from rona_core.robot.kinematics.catalog import robot_model
 from rona_ui.presentation.static_scene import StaticScene
 
 STEP_PRESETS = {  # step -> preset; the camera moves only where the preset changes
-    "setup": "Overview",
+    "setup": "Oblique",
     "tool": "Overview",
     "pointer": "Overview",
     "surface": "Region",
@@ -44,7 +44,7 @@ SIDES = {  # where the eye is, from the middle of the region or of the head
     "Right": (0.0, -1.0, 0.2),
 }
 REGION_SHARE = 0.6  # of the height of the canvas that the region fills
-ARM_SHARE = 0.22  # where the arm over it is to be seen as well
+ARM_SHARE = 0.4  # where the arm over it is to be seen as well
 HEAD_SHARE = 0.72  # and that a head fills
 OBLIQUE_RAD, PROBE_RAD = np.deg2rad(40.0), np.deg2rad(44.0)  # from the normal of the region
 OVERVIEW_RAD = np.deg2rad((225.0, 17.0))  # azimuth and height of the eye: over the robot's shoulder
