@@ -18,13 +18,13 @@ from rona_core.planning.robot_milling import BoneOverBed
 from rona_ui.presentation.colors import (
     BONE,
     BONE_RIM,
+    INK,
     MILLING_COLORS,
     PURPLE,
     SKY,
     STEEL,
     VERMILLION,
     WHITE,
-    Rgb,
     viridis,
 )
 from rona_ui.presentation.shown import shown_milling
@@ -38,7 +38,6 @@ OUTLINE = "/implant/outline"
 ASTRAY = "/implant/unmapped"
 POCKET, POCKET_CUT = "/bed/pocket", "/bed/cut"
 THINNEST, THINNEST_LABEL, LEADER = "/bed/thinnest", "/bed/thinnest_label", "/bed/leader"
-HOUSING: Rgb = (62, 68, 76)  # outline of the implant
 MOVED = "/implant/moved"
 CELLS, SAFE, RING = "/chance/cells", "/chance/safe", "/chance/ring"
 POCKET_OPACITY = 0.45
@@ -80,7 +79,7 @@ class ImplantLayer(OfBed):
         outline = NO_LINES if view is None or body is None else outline_on(view, body)
         if plane is not None:
             outline = outline[plane.heights_mm(outline.mean(axis=1)) < 0.0]
-        self.nodes.lines(OUTLINE, outline, HOUSING, width_px=2.0)
+        self.nodes.lines(OUTLINE, outline, INK, width_px=2.0)
         if view is None:
             return
         screws = view.implant.screws

@@ -19,7 +19,7 @@ def on_bone(points_base: Floats, scene: StaticScene | None, height_mm: float) ->
     Measured points scatter about the bone, and a dot that lies within it is half hidden. Points
     that are as high already, or far from the skull, stay where they are.
     """
-    if scene is None or not len(points_base):
+    if scene is None or not len(points_base) or not len(scene.skull.vertices):
         return points_base
     vertices = scene.skull.vertices
     apart, nearest = _TREES.get((scene.skull,), lambda: KDTree(vertices)).query(points_base)

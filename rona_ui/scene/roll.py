@@ -21,6 +21,7 @@ from rona_ui.presentation.colors import (
     BLOCKED,
     BLUE,
     GREEN,
+    INK,
     ORANGE,
     SKY,
     VERMILLION,
@@ -37,8 +38,9 @@ WORKS, FAILS, CHOSEN = "/rolls/works", "/rolls/fails", "/rolls/shown"
 FOOT_MM, HUB_MM = 2.5, 1.5  # from the bone to the fan; from the axis of the probe to an arrow
 ARROW_MM, CHOSEN_MM, BARB_MM = 7.5, 10.0, 1.8
 MOST_FANS, APART_MM = 9, 17.0  # fans along the path, and how far they are apart at least
-PATH, STOP, WORDS = "/margins/path", "/margins/stop", "/margins/words"
-LIFT_MM = 1.5
+PATH, CASING = "/margins/path", "/margins/casing"
+STOP, WORDS = "/margins/stop", "/margins/words"
+LIFT_MM, CASING_MM = 0.7, 0.3  # of the path over the bone, and over its dark edge
 MAP = "/places/map"
 MARKS = (("smallest", "nearest pose", ORANGE), ("best", "largest margin", SKY))
 CELL_PX, GAP_PX = 24, 1
@@ -107,7 +109,7 @@ class MarginsLayer(Layer):
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Draw where search, roll, quantity or surroundings are others."""
         if not (self.shown(new) and shows_margins(new)):
-            for node in (PATH, STOP, WORDS):
+            for node in (PATH, CASING, STOP, WORDS):
                 self.nodes.remove(node)
             return
         drawn = old is not None and self.shown(old) and shows_margins(old)
@@ -121,7 +123,9 @@ class MarginsLayer(Layer):
         found = path_margins(session, shown)
         points, colors = (NO_POINTS, viridis([])) if found is None else colored(found, new)
         line = segments(on_bone(points, new.static_scene, LIFT_MM))
-        self.nodes.lines(PATH, line, segments(colors), width_px=3.0)
+        self.nodes.lines(CASING, line, INK, width_px=5.0)
+        above = segments(on_bone(points, new.static_scene, LIFT_MM + CASING_MM))
+        self.nodes.lines(PATH, above, segments(colors), width_px=3.0)
         curves, searched = joint_curves(session, shown), session.results.roll
         if curves is None or searched is None or curves.feasible:
             self.nodes.remove(STOP)

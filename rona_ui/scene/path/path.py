@@ -120,7 +120,7 @@ MOST_AXES = 120
 
 
 class PathLayer(Layer):
-    """Draws the demonstrated path in orange; in step 6 it gives way to its deviation."""
+    """Draws the demonstrated path in orange; after step 5 it gives way to the smoothed one."""
 
     layer = "path"
     results = ("path",)
@@ -132,8 +132,9 @@ class PathLayer(Layer):
             points = NO_POINTS if raw is None else raw.value.points_base
             placed = on_bone(points, new.static_scene, RAW_MM)
             self.nodes.lines(RAW, segments(placed), ORANGE, width_px=LINE_PX)
-        deviates = new.view.step == "smoothing" and shown_path(new) is not None
-        self.nodes.show(RAW, self.shown(new) and _clear(new) and not deviates)
+        smoothed = new.session.results.smoothing is not None
+        wanted = new.view.step == "path" or not smoothed or new.view.all_layers
+        self.nodes.show(RAW, self.shown(new) and _clear(new) and wanted)
 
 
 class SmoothLayer(Layer):
