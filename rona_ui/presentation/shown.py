@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 
-from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.implant.burr.messages import StartBurrCapture
 from rona_core.app.steps.implant.milling_motion import (
     milling_duration_s,
@@ -139,7 +138,7 @@ def shown_volume(snapshot: Snapshot) -> VolumeView | None:
     if volume is None or snapshot.view.step != "maps" or shows_handheld_maps(snapshot):
         return None
     drawn = volume.maps is snapshot.session.results.maps and (volume.slices or volume.surface)
-    return volume if drawn and stale_reason("maps", snapshot.session) is None else None
+    return volume if drawn else None
 
 
 def opens_window(view: ViewState) -> bool:

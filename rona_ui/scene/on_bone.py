@@ -22,8 +22,11 @@ def on_bone(points_base: Floats, scene: StaticScene | None, height_mm: float) ->
     if scene is None or not len(points_base) or not len(scene.skull.vertices):
         return points_base
     vertices = scene.skull.vertices
-    apart, nearest = _TREES.get((scene.skull,), lambda: KDTree(vertices)).query(points_base)
-    normals = skull_normals(scene.skull)[nearest]
+    tree, normals = _TREES.get((scene.skull,), lambda: KDTree(vertices)), skull_normals(scene.skull)
+    if normals[tree.query(scene.region_center_base)[1]] @ scene.region_normal_base < 0.0:
+        normals = -normals  # a skull whose triangles are counted the other way round
+    apart, nearest = tree.query(points_base)
+    normals = normals[nearest]
     heights = np.einsum("ij,ij->i", points_base - vertices[nearest], normals)
     below = np.where(apart < FAR_MM, np.maximum(height_mm - heights, 0.0), 0.0)
     return points_base + below[:, None] * normals

@@ -35,7 +35,7 @@ from rona_ui.scene.on_bone import on_bone
 from rona_ui.scene.viser_nodes import NO_LINES, NO_POINTS, SceneNodes, segments
 
 WORKS, FAILS, CHOSEN = "/rolls/works", "/rolls/fails", "/rolls/shown"
-FOOT_MM, HUB_MM = 2.5, 1.5  # from the bone to the fan; from the axis of the probe to an arrow
+FOOT_MM, HUB_MM = 1.4, 1.5  # from the bone to the fan; from the axis of the probe to an arrow
 ARROW_MM, CHOSEN_MM, BARB_MM = 7.5, 10.0, 1.8
 MOST_FANS, APART_MM = 9, 17.0  # fans along the path, and how far they are apart at least
 PATH, CASING = "/margins/path", "/margins/casing"

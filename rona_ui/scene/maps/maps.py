@@ -326,6 +326,7 @@ class SecondLayer(Layer):
     """Draws the second path until it is scanned, and while that pass is selected."""
 
     layer = "second"
+    results = ("maps", "second")
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Draw the path where it is another one, and the cells where the maps are."""
@@ -340,8 +341,7 @@ class SecondLayer(Layer):
             self.nodes.show(node, shown and shows_second_path(new))
         mapped = new.view.shows("inner") and not shows_handheld_maps(new)
         mapped = mapped and not new.view.quantity.startswith("error")  # white is no error there
-        mapped = mapped and stale_reason("maps", new.session) is None
-        self.nodes.show(CELLS, shown and mapped)
+        self.nodes.show(CELLS, shown and mapped and not self.stale(new))
 
     def _draw_path(self, view: SecondView | None, new: Snapshot) -> None:
         """Draw the path, and at some places the probe's axis out of the bone."""

@@ -25,7 +25,7 @@ from rona_ui.presentation.shown import opening_step, opening_view, shown_joints,
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.maps.maps import MapLayer, ScanLayer
-from rona_ui.scene.path.path import PathLayer
+from rona_ui.scene.path.path import SmoothLayer
 from rona_ui.scene.viser_nodes import SceneNodes
 from tests.helpers.ui.fake_gui import FakeGui
 
@@ -210,7 +210,7 @@ def test_points_of_the_scan_before_are_not_shown_while_the_robot_scans(demo: Ses
         shown[name] = True
 
     nodes: Any = SimpleNamespace(
-        cloud=draw,
+        dots=draw,
         lines=draw,
         show=shown.__setitem__,
         names=shown.keys,
@@ -219,6 +219,6 @@ def test_points_of_the_scan_before_are_not_shown_while_the_robot_scans(demo: Ses
     at_rest = snapshot(demo, ViewState(step="scan"))
     for at, scanning in ((at_rest, False), (replace(at_rest, job=SCANNING), True)):
         ScanLayer(nodes).render(None, at)
-        PathLayer(nodes).render(None, at)
+        SmoothLayer(nodes).render(None, at)
         assert shown["/scan/points"] != scanning
-        assert shown["/path/smooth"] == shown["/path/raw"] == scanning
+        assert shown["/path/smooth"] == scanning
