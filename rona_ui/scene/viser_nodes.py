@@ -14,6 +14,7 @@ from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.geometry.mesh import Mesh
 from rona_core.geometry.pose import Pose
 from rona_ui.presentation.colors import Rgb
+from rona_ui.scene.line_colors import sent_color, sent_colors
 from rona_ui.viewer.unseen_node import UnseenNode
 
 M_PER_MM = 0.001
@@ -196,7 +197,9 @@ class SceneNodes:
         drawn = np.asarray(greyed(colors) if self._greyed else colors, dtype=np.uint8)
         if drawn.ndim > 1:
             self.remove(name)  # points and colours change in one step
-            drawn = np.ascontiguousarray(np.broadcast_to(_light(drawn), pairs.shape))
+            drawn = np.ascontiguousarray(np.broadcast_to(sent_colors(drawn), pairs.shape))
+        else:
+            drawn = sent_color(drawn)
         node = self._nodes.get(name)
         if node is None:
             self._add(
@@ -300,10 +303,3 @@ def _colors(colors: Colors, shape: tuple[int, ...]) -> NDArray[np.uint8]:
     """Return one colour per point: a change of their number then never meets an old array."""
     each = np.asarray(colors, dtype=np.uint8)
     return np.ascontiguousarray(np.broadcast_to(each, shape))
-
-
-def _light(colors: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return colours as light: what the viewer takes colours of single points of a line for."""
-    share = colors / 255.0
-    linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
-    return np.round(255.0 * linear).astype(np.uint8)
