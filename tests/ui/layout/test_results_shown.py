@@ -24,6 +24,7 @@ from rona_ui.presentation.colors import BLUE, VERMILLION
 from rona_ui.presentation.shown import opening_step, opening_view, shown_joints, shows_roll_preview
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState
+from rona_ui.scene.line_colors import sent_color
 from rona_ui.scene.maps.maps import MapLayer, ScanLayer
 from rona_ui.scene.path.path import SmoothLayer
 from rona_ui.scene.viser_nodes import SceneNodes
@@ -93,7 +94,7 @@ def test_a_line_keeps_the_one_colour_it_was_given() -> None:
         nodes.lines("/line", np.zeros((n, 2, 3)), (230, 159, 0))
         (node,) = there
         assert node.points.shape == (n, 2, 3)
-        assert np.asarray(node.colors).tolist() == [230, 159, 0]
+        assert np.asarray(node.colors).tolist() == sent_color((230, 159, 0)).tolist()
 
 
 def test_a_colour_bar_says_where_values_lie_beyond_it(demo: Session) -> None:
