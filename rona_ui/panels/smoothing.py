@@ -8,11 +8,11 @@ from rona_core.app.steps.smoothing.messages import SmoothScanPath
 from rona_core.app.steps.smoothing.path_view import PathView
 from rona_core.devices.limits import limits_of
 from rona_core.session.document import Derived, SmoothPath
-from rona_ui.panels.path.smoothed_path import PathPoints, deviation_bar
+from rona_ui.panels.path.smoothed_path import PathPoints
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import on_change, on_click
 from rona_ui.panels.widgets.step_panel import StepPanel
-from rona_ui.presentation.colors import BLUE, PURPLE, VERMILLION, css
+from rona_ui.presentation.colors import BLUE, PURPLE, STEEL, VERMILLION, css
 from rona_ui.presentation.shown import shown_path
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.presentation.view_state import EDITS, Drawing, Preview
@@ -113,7 +113,6 @@ class SmoothingPanel(StepPanel):
         words += _replaced_method(smooth) + style.text(
             f"Normal radius {normals.radius_mm:.1f} mm ({chosen})."
         )
-        words += deviation_bar("Uncertainty of the normals (deg)", check.tolerance_deg)
         return words + warning_notes(check) + style.key(LEGEND)
 
 
@@ -128,6 +127,7 @@ def _replaced_method(smooth: Derived[SmoothPath]) -> str:
 
 LEGEND = (
     (css(BLUE), "smoothed"),
+    (css(STEEL), "probe axis"),
     (css(VERMILLION), "tilt too large"),
     (css(PURPLE), "sample again"),
 )

@@ -9,7 +9,7 @@ from rona_core.robot.kinematics.catalog import robot_model
 from rona_ui.presentation.static_scene import StaticScene
 
 STEP_PRESETS = {  # step -> preset; the camera moves only where the preset changes
-    "setup": "Overview",
+    "setup": "Head",
     "tool": "Overview",
     "pointer": "Overview",
     "surface": "Region",
@@ -43,8 +43,9 @@ SIDES = {  # where the eye is, from the middle of the region or of the head
     "Left": (0.0, 1.0, 0.2),
     "Right": (0.0, -1.0, 0.2),
 }
-REGION_SHARE = 0.6  # of the height of the canvas that the region fills
-ARM_SHARE = 0.22  # where the arm over it is to be seen as well
+# of the height of the canvas that the region fills: as large as can be, beside the probe over it,
+# and with all of the head
+REGION_SHARES = {"Region": 0.6, "Oblique": 0.6, "Probe": 0.4, "Head": 0.25}
 HEAD_SHARE = 0.72  # and that a head fills
 OBLIQUE_RAD, PROBE_RAD = np.deg2rad(40.0), np.deg2rad(44.0)  # from the normal of the region
 OVERVIEW_RAD = np.deg2rad((225.0, 17.0))  # azimuth and height of the eye: over the robot's shoulder
@@ -80,7 +81,7 @@ def camera_pose(
         return _of_head(skull, sign * axes[:, column], axes[:, upper], aspect)
     if name in SIDES:
         return _of_head(skull, np.array(SIDES[name]), UP, aspect)
-    if name in ("Region", "Oblique", "Probe"):
+    if name in REGION_SHARES:
         return _of_region(name, static_scene)
     if name == "Robot":
         return _around(_robot(static_scene), np.deg2rad((285.0, 15.0)), aspect)
@@ -117,8 +118,7 @@ def _of_region(name: str, static_scene: StaticScene) -> CameraPose:
     the table.
     """
     center, normal = static_scene.region_center_base, static_scene.region_normal_base
-    share = ARM_SHARE if name == "Probe" else REGION_SHARE
-    away = distance_mm(2.0 * static_scene.region_radius_mm, share)
+    away = distance_mm(2.0 * static_scene.region_radius_mm, REGION_SHARES[name])
     if name == "Region":
         axes = static_scene.head_axes_base
         candidates = [-SURGEON, UP] if axes is None else [axes[:, 2], axes[:, 1]]

@@ -28,6 +28,7 @@ SUTURE: Rgb = (150, 128, 98)
 BONE: Rgb = (226, 217, 198)
 BONE_RIM: Rgb = (199, 160, 105)  # of bone that is cut
 STEEL: Rgb = (154, 160, 168)
+INK: Rgb = (62, 68, 76)  # outlines
 BLOCKED: Rgb = (120, 128, 136)  # base place too close to the head
 
 WHITE: Rgb = (245, 245, 245)

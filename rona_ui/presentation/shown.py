@@ -14,7 +14,7 @@ from rona_core.app.steps.implant.milling_motion import (
 from rona_core.app.steps.maps.accuracy import map_accuracy
 from rona_core.app.steps.maps.comparison import MapComparison
 from rona_core.app.steps.maps.growing_map import GrowingMap
-from rona_core.app.steps.maps.view import SecondView, second_view
+from rona_core.app.steps.maps.view import second_view
 from rona_core.app.steps.roll.view import Quantity, joints_of_roll
 from rona_core.app.steps.scan.planned_motion import joints_at, motion_stale, motion_times
 from rona_core.app.steps.setup.clearance import PairClearance, clearance_violations, stands_clear
@@ -69,19 +69,21 @@ def shown_path_key(snapshot: Snapshot) -> tuple[int, int, float | None]:
 
 
 def shows_margins(snapshot: Snapshot) -> bool:
-    """Return whether the path is coloured by margins."""
-    return snapshot.view.step == "roll" and snapshot.session.results.roll is not None
+    """Return whether the path is coloured by margins: those of a motion that still counts."""
+    session = snapshot.session
+    planned = session.results.roll is not None and motion_stale(session) is None
+    return snapshot.view.step == "roll" and planned
 
 
 def shows_second_path(snapshot: Snapshot) -> bool:
-    """Return whether the path of a further pass is shown: selected, or not yet scanned."""
+    """Return whether the path of a further pass is shown: selected, or not yet scanned.
+
+    One that is stale is not shown: it lies on maps that are others now.
+    """
     view = second_view(snapshot.session)
-    return snapshot.view.second or view is None or not view.scanned
-
-
-def tilt_scale_max_deg(view: SecondView) -> float:
-    """Return the tilt at the end of the colour scale, degrees."""
-    return float(np.ceil(view.lean_deg.max(initial=1.0)))
+    if view is None or view.stale is not None:
+        return False
+    return snapshot.view.second or not view.scanned
 
 
 def shows_handheld_maps(snapshot: Snapshot) -> bool:

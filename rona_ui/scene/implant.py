@@ -18,12 +18,13 @@ from rona_core.planning.robot_milling import BoneOverBed
 from rona_ui.presentation.colors import (
     BONE,
     BONE_RIM,
+    INK,
     MILLING_COLORS,
+    PURPLE,
     SKY,
     STEEL,
     VERMILLION,
     WHITE,
-    YELLOW,
     viridis,
 )
 from rona_ui.presentation.shown import shown_milling
@@ -33,15 +34,16 @@ from rona_ui.scene.layer import Layer, lift
 from rona_ui.scene.viser_nodes import NO_LINES, SceneNodes, grid_faces, segments
 
 IMPLANT, IMPLANT_CUT, SCREWS = "/implant/body", "/implant/cut", "/implant/screws"
+OUTLINE = "/implant/outline"
 ASTRAY = "/implant/unmapped"
 POCKET, POCKET_CUT = "/bed/pocket", "/bed/cut"
-THINNEST, THINNEST_LABEL = "/bed/thinnest", "/bed/thinnest_label"
+THINNEST, THINNEST_LABEL, LEADER = "/bed/thinnest", "/bed/thinnest_label", "/bed/leader"
 MOVED = "/implant/moved"
 CELLS, SAFE, RING = "/chance/cells", "/chance/safe", "/chance/ring"
 POCKET_OPACITY = 0.45
 EVERY = 2  # cell of the bed is drawn
-MARK_MM = 1.6
-LABEL_MM = 6.0  # under the thinnest place, so that the bed does not hide it
+MARK_PX = 10.0
+BESIDE_MM = 5.0  # from the rim of the bed to its label
 # above the outer boundary, so that the skull does not hide them
 CHANCE_MM, SAFE_MM, RING_MM = 1.5, 2.0, 3.0
 
@@ -62,17 +64,22 @@ class OfBed(Layer):
 
 
 class ImplantLayer(OfBed):
-    """Draws the implant in its bed, and its screws."""
+    """Draws the implant in its bed with its outline, and its screws."""
 
     layer = "implant"
-    names = (IMPLANT, IMPLANT_CUT, SCREWS)
+    names = (IMPLANT, IMPLANT_CUT, OUTLINE, SCREWS)
 
     def draw(self, new: Snapshot) -> None:
         """Draw body and screws anew, or nothing without a bed."""
         view = new.milling
         self.nodes.remove(SCREWS)  # another one may have screws of another width
         body = None if view is None else view.implant_base()
-        draw_cut(self.nodes, (IMPLANT, IMPLANT_CUT), body, STEEL, cut_plane(new))
+        plane = cut_plane(new)
+        draw_cut(self.nodes, (IMPLANT, IMPLANT_CUT), body, STEEL, plane)
+        outline = NO_LINES if view is None or body is None else outline_on(view, body)
+        if plane is not None:
+            outline = outline[plane.heights_mm(outline.mean(axis=1)) < 0.0]
+        self.nodes.lines(OUTLINE, outline, INK, width_px=2.0)
         if view is None:
             return
         screws = view.implant.screws
@@ -81,14 +88,22 @@ class ImplantLayer(OfBed):
                 [((s.x_mm, s.y_mm, 0.0), (s.x_mm, s.y_mm, -s.length_mm)) for s in screws]
             )
             pairs = (view.placed.T_base_bed @ ends.reshape(-1, 3)).reshape(-1, 2, 3)
-            self.nodes.lines(SCREWS, pairs, YELLOW, width_mm=screws[0].diameter_mm)
+            self.nodes.lines(SCREWS, pairs, PURPLE, width_mm=screws[0].diameter_mm)
+
+
+def outline_on(view: MillingView, body: Mesh) -> Floats:
+    """Return the outline of an implant at its top (n, 2, 3), in base."""
+    T_base_bed = view.placed.T_base_bed
+    top_mm = float((T_base_bed.inv() @ body.vertices)[:, 2].max()) + 0.1
+    rings = [np.column_stack((r, np.full(len(r), top_mm))) for r in view.implant.outline()]
+    return np.concatenate([segments(T_base_bed @ ring) for ring in rings])
 
 
 class BedLayer(OfBed):
     """Draws the pocket that the burr cuts, and where the least bone is left below it."""
 
     layer = "bed"
-    names = (POCKET, POCKET_CUT, THINNEST, THINNEST_LABEL)
+    names = (POCKET, POCKET_CUT, THINNEST, THINNEST_LABEL, LEADER)
 
     def draw(self, new: Snapshot) -> None:
         """Draw the pocket anew, or nothing without a bed."""
@@ -96,14 +111,26 @@ class BedLayer(OfBed):
         pocket = None if view is None else pocket_base(view)
         draw_cut(self.nodes, (POCKET, POCKET_CUT), pocket, BONE_RIM, cut_plane(new), POCKET_OPACITY)
         placed = None if view is None else view.placed
-        if placed is None or placed.thinnest_base is None:
-            self.nodes.remove(THINNEST)
-            self.nodes.remove(THINNEST_LABEL)
+        if view is None or placed is None or placed.thinnest_base is None:
+            for name in (THINNEST, THINNEST_LABEL, LEADER):
+                self.nodes.remove(name)
             return
         at = placed.thinnest_base
-        out = placed.T_base_bed.rotation[:, 2]
-        self.nodes.cloud(THINNEST, at[None], VERMILLION, size_mm=MARK_MM)
-        self.nodes.label(THINNEST_LABEL, bone_words(placed.residual_mm), at - LABEL_MM * out)
+        leader = leader_base(view, at)
+        self.nodes.dots(THINNEST, at[None], VERMILLION, size_px=MARK_PX)
+        self.nodes.lines(LEADER, segments(leader), VERMILLION, width_px=1.6)
+        self.nodes.label(THINNEST_LABEL, bone_words(placed.residual_mm), leader[-1])
+
+
+def leader_base(view: MillingView, place_base: Floats) -> Floats:
+    """Return a line (3, 3) from a place in the bed up and aside, to where a label hides nothing."""
+    T_base_bed = view.placed.T_base_bed
+    x, y, _ = place_bed = T_base_bed.inv() @ place_base
+    reach_mm = max(np.hypot(*np.abs(ring).max(axis=0)) for ring in view.implant.outline())
+    aside = np.array((x, y)) / max(np.hypot(x, y), 1e-9) if np.hypot(x, y) > 1.0 else (1.0, 0.0)
+    corner = np.array((x, y, RING_MM))
+    end = np.array((*((reach_mm + BESIDE_MM) * np.asarray(aside)), RING_MM))
+    return T_base_bed @ np.stack((place_bed, corner, end))
 
 
 def bone_words(residual_mm: float | None) -> str:

@@ -4,6 +4,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.geometry.arrays import Vector3
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.scene.viser_nodes import SceneNodes
@@ -18,6 +19,7 @@ class Layer:
     layer: str = ""
     follows: ClassVar[tuple[str, ...]] = ()  # parts of the snapshot that it is drawn from
     names: ClassVar[tuple[str, ...]] = ()  # of the nodes that are shown with the layer
+    results: ClassVar[tuple[str, ...]] = ()  # that it draws, in grey where one of them is stale
 
     def __init__(self, nodes: SceneNodes) -> None:
         self.nodes = nodes
@@ -31,6 +33,10 @@ class Layer:
 
     def draw(self, new: Snapshot) -> None:
         """Draw all nodes anew."""
+
+    def stale(self, snapshot: Snapshot) -> bool:
+        """Return whether a result that the layer draws is stale: then it is drawn in grey."""
+        return any(stale_reason(name, snapshot.session) for name in self.results)
 
     def shown(self, snapshot: Snapshot) -> bool:
         """Return whether the layer is switched on in this browser."""

@@ -5,7 +5,6 @@ from itertools import pairwise
 import numpy as np
 import trimesh
 from numpy.typing import ArrayLike
-from scipy.spatial import KDTree
 
 from rona_core.app.steps.scan.landmarks.view import LandmarkReport, landmark_report
 from rona_core.devices.settings import SONO
@@ -14,14 +13,14 @@ from rona_core.geometry.arrays import Floats
 from rona_core.geometry.mesh import Mesh
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
-from rona_core.session.memo import Memo
 from rona_core.session.specimen import LoadedSkull
-from rona_ui.presentation.colors import GREEN, ORANGE, PURPLE, SKY, STEEL, VERMILLION, Rgb
+from rona_ui.presentation.colors import BLUE, GREEN, ORANGE, PURPLE, STEEL, VERMILLION, Rgb
 from rona_ui.presentation.mouse_input import starts
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.presentation.static_scene import StaticScene
 from rona_ui.scene.cut_plane import Plane, crossings
 from rona_ui.scene.layer import Layer, lift
+from rona_ui.scene.on_bone import on_bone
 from rona_ui.scene.viser_nodes import NO_LINES, NO_POINTS, segments
 
 SHAFT, MARKERS, TIP = "/pointer/shaft", "/pointer/markers", "/pointer/tip"
@@ -101,11 +100,8 @@ class DrawingLayer(Layer):
         points, up = np.array(new.view.picks, dtype=np.float64).reshape(-1, 3), lift(new, LIFT_MM)
         strokes = np.split(points, starts(new.view)[1:])
         lines = [segments(over_skull(stroke, new.static_scene) + up) for stroke in strokes]
-        self.nodes.lines(LINE, np.concatenate(lines), ORANGE, width_px=4.0)
-        self.nodes.cloud(PICKS, points + up, ORANGE, size_mm=1.0)
-
-
-_TREES: Memo[KDTree] = Memo(1)  # of the vertices of the drawn skull
+        self.nodes.lines(LINE, np.concatenate(lines), ORANGE, width_px=2.5)
+        self.nodes.dots(PICKS, points + up, ORANGE, size_px=6.0)
 
 
 def over_skull(points_base: Floats, scene: StaticScene | None) -> Floats:
@@ -117,10 +113,7 @@ def over_skull(points_base: Floats, scene: StaticScene | None) -> Floats:
     inner = [np.arange(a + STEP_MM, b, STEP_MM) for a, b in pairwise(way)]
     at = np.sort(np.concatenate((way, *inner)))
     line = np.column_stack([np.interp(at, way, part) for part in points_base.T])
-    vertices, normal = scene.skull.vertices, scene.region_normal_base
-    nearest = _TREES.get((scene.skull,), lambda: KDTree(vertices)).query(line)[1]
-    below = np.maximum((vertices[nearest] - line) @ normal, 0.0)
-    return line + below[:, None] * normal
+    return on_bone(line, scene, 0.0)
 
 
 ROBOT, POINTER, APART = "/landmarks/robot", "/landmarks/pointer", "/landmarks/apart"
@@ -175,7 +168,8 @@ def crosses(report: LandmarkReport) -> np.ndarray:
 
 CLOUD, REGION, CONTOURS = "/surface/cloud", "/region", "/registered_skull"
 STROKE = "/surface/stroke"
-MOST_POINTS = 60_000  # drawn; the session keeps all
+MOST_POINTS = 20_000  # drawn; the session keeps all
+POINT_PX, POINT_MM = 3.0, 0.6  # size, and height over the bone
 APART_MM = 12.0  # from contour to contour
 SURFACE_LIFT_MM = 0.4  # off the mesh, so that the contours are to be seen where both skulls agree
 
@@ -185,15 +179,18 @@ class CloudLayer(Layer):
 
     layer = "cloud"
     names = (CLOUD,)
+    results = ("surface",)
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Draw the cloud anew when it is another one, or when a stroke begins or ends."""
         before = old is not None and old.stroke is not None
-        if changed(old, new, "session.results.surface") or before != (new.stroke is not None):
+        another = changed(old, new, "session.results.surface", "static_scene")
+        if another or before != (new.stroke is not None):
             surface = new.session.results.surface
             points = NO_POINTS if surface is None else surface.value.points_base
-            color = SKY if new.stroke is None else STEEL
-            self.nodes.cloud(CLOUD, thinned(points), color, size_mm=0.8)
+            color = BLUE if new.stroke is None else STEEL
+            placed = on_bone(thinned(points), new.static_scene, POINT_MM)
+            self.nodes.dots(CLOUD, placed, color, size_px=POINT_PX)
         super().render(old, new)
 
 
@@ -205,7 +202,8 @@ class StrokeLayer(Layer):
     def draw(self, new: Snapshot) -> None:
         """Draw the stroke."""
         points = NO_POINTS if new.stroke is None else new.stroke
-        self.nodes.cloud(STROKE, thinned(points), SKY, size_mm=0.8)
+        placed = on_bone(thinned(points), new.static_scene, POINT_MM)
+        self.nodes.dots(STROKE, placed, BLUE, size_px=POINT_PX)
 
 
 def thinned(points: Floats) -> Floats:
@@ -223,7 +221,7 @@ class RegionLayer(Layer):
     def draw(self, new: Snapshot) -> None:
         """Draw the ring."""
         lines = NO_LINES if new.static_scene is None else segments(ring(new.static_scene))
-        self.nodes.lines(REGION, lines, PURPLE, width_px=3.0)
+        self.nodes.lines(REGION, lines, PURPLE, width_px=2.0)
 
 
 class RegisteredSkullLayer(Layer):
@@ -232,6 +230,7 @@ class RegisteredSkullLayer(Layer):
     layer = "registered_skull"
     follows = ("session.results.registration", "session.setup.specimen")
     names = (CONTOURS,)
+    results = ("registration",)
 
     def draw(self, new: Snapshot) -> None:
         """Draw the contours."""

@@ -27,7 +27,14 @@ from rona_ui.scene.maps.maps import (
     SecondLayer,
 )
 from rona_ui.scene.maps.volume import VolumeLayer
-from rona_ui.scene.path.path import AxesLayer, EditLayer, PaintedLayer, PathLayer, WarningsLayer
+from rona_ui.scene.path.path import (
+    AxesLayer,
+    EditLayer,
+    PaintedLayer,
+    PathLayer,
+    SmoothLayer,
+    WarningsLayer,
+)
 from rona_ui.scene.pointer import (
     PIVOT_HANDLES,
     CloudLayer,
@@ -56,6 +63,7 @@ class SceneRenderer:
         self.nodes = SceneNodes(scene)
         scene.set_background_image(np.full((4, 4, 3), BACKGROUND, dtype=np.uint8))
         light(scene)
+        self._stale: dict[Layer, bool] = {}
         self._layers: tuple[Layer, ...] = (
             RoomLayer(self.nodes, FLOOR_MM),
             SkullLayer(self.nodes),
@@ -73,6 +81,7 @@ class SceneRenderer:
             RegisteredSkullLayer(self.nodes),
             DrawingLayer(self.nodes),
             PathLayer(self.nodes),
+            SmoothLayer(self.nodes),
             AxesLayer(self.nodes),
             WarningsLayer(self.nodes),
             EditLayer(self.nodes),
@@ -102,7 +111,11 @@ class SceneRenderer:
         """Bring the scene from ``old`` to ``new``."""
         with self.nodes.sent_when_seen():
             for layer in self._layers:
-                layer.render(old, new)
+                stale = layer.stale(new)
+                turned = self._stale.get(layer, stale) != stale
+                self._stale[layer] = stale
+                with self.nodes.drawn_as_stale(stale):
+                    layer.render(None if turned else old, new)
 
     def skull(self) -> Any:
         """Return the viewer's handle of the skull, or None while it is not there."""

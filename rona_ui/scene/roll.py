@@ -15,27 +15,32 @@ from rona_core.app.steps.roll.view import (
     shows_varying,
 )
 from rona_core.app.steps.scan.planned_motion import motion_stale
-from rona_core.geometry.arrays import Floats
+from rona_core.geometry.arrays import Floats, Ints
 from rona_core.geometry.pose import Pose, Poses
 from rona_ui.presentation.colors import (
     BLOCKED,
+    BLUE,
     GREEN,
+    INK,
     ORANGE,
     SKY,
     VERMILLION,
-    YELLOW,
     Rgb,
     viridis,
 )
 from rona_ui.presentation.shown import MARGIN_SCALE_MAX, shows_margins
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.scene.layer import Layer, lift
-from rona_ui.scene.viser_nodes import NO_LINES, NO_POINTS, SceneNodes, dots_along, segments
+from rona_ui.scene.on_bone import on_bone
+from rona_ui.scene.viser_nodes import NO_LINES, NO_POINTS, SceneNodes, segments
 
 WORKS, FAILS, CHOSEN = "/rolls/works", "/rolls/fails", "/rolls/shown"
-FOOT_MM = 16.0  # from the bone to the fan
-PATH, STOP, WORDS = "/margins/path", "/margins/stop", "/margins/words"
-LIFT_MM = 1.5
+FOOT_MM, HUB_MM = 1.4, 1.5  # from the bone to the fan; from the axis of the probe to an arrow
+ARROW_MM, CHOSEN_MM, BARB_MM = 7.5, 10.0, 1.8
+MOST_FANS, APART_MM = 9, 17.0  # fans along the path, and how far they are apart at least
+PATH, CASING = "/margins/path", "/margins/casing"
+STOP, WORDS = "/margins/stop", "/margins/words"
+LIFT_MM, CASING_MM = 0.7, 0.3  # of the path over the bone, and over its dark edge
 MAP = "/places/map"
 MARKS = (("smallest", "nearest pose", ORANGE), ("best", "largest margin", SKY))
 CELL_PX, GAP_PX = 24, 1
@@ -44,10 +49,10 @@ RING_MM, ABOVE_MM = 90.0, 4.0  # radius of the mark; over the floor, so that it 
 
 
 class RollsLayer(Layer):
-    """Draws an arrow per roll: green if feasible, red if not."""
+    """Draws the rolls as fans of arrows along the path: green if feasible, red if not."""
 
     layer = "rolls"
-    follows = ("session.results.roll", "view.shown_roll", "view.place")
+    follows = ("session.results.roll", "view.shown_roll", "view.place", "static_scene")
     names = (WORKS, FAILS, CHOSEN)
 
     def shown(self, snapshot: Snapshot) -> bool:
@@ -57,30 +62,40 @@ class RollsLayer(Layer):
     def draw(self, new: Snapshot) -> None:
         """Draw lines, which are unlit, so that their colours are those of the legend."""
         works = fails = chosen = NO_LINES
-        place = place_of_roll(new.session, new.view.shown_roll, new.view.place)
-        fan, searched = roll_poses(new.session, place), new.session.results.roll
-        if fan is not None and searched is not None:
-            poses, feasible, _ = fan
-            all_arrows = arrows(poses, 46.0)
-            works = all_arrows[feasible].reshape(-1, 2, 3)
-            fails = all_arrows[~feasible].reshape(-1, 2, 3)
-            index = shown_roll(new.session, new.view.shown_roll)
-            if index is not None:
-                plan = searched.value
-                rolls_rad = np.deg2rad(plan.search.verdicts[index].roll_deg)
-                if shows_varying(plan, new.view.shown_roll):
-                    rolls_rad = plan.search.rolls_rad
-                pose = plan.search.path.Ts_base_probe(rolls_rad)[point_at(plan, place)]
-                chosen = arrows(Poses.stack([pose]), 60.0).reshape(-1, 2, 3)
-        self.nodes.lines(WORKS, works, GREEN, width_px=4.0)
-        self.nodes.lines(FAILS, fails, VERMILLION, width_px=4.0)
-        self.nodes.lines(CHOSEN, chosen, YELLOW, width_px=6.0)
+        searched = new.session.results.roll
+        index = shown_roll(new.session, new.view.shown_roll)
+        if searched is not None and index is not None:
+            plan = searched.value
+            looked_at = place_of_roll(new.session, new.view.shown_roll, new.view.place)
+            places = spread(plan.search.path.points_base, point_at(plan, looked_at))
+            fans, feasible = roll_poses(plan, places)
+            drawn = np.array([arrows(poses, ARROW_MM) for poses in fans])
+            works = drawn[feasible].reshape(-1, 2, 3)
+            fails = drawn[~feasible].reshape(-1, 2, 3)
+            rolls_rad = np.deg2rad(plan.search.verdicts[index].roll_deg)
+            if shows_varying(plan, new.view.shown_roll):
+                rolls_rad = plan.search.rolls_rad
+            posed = plan.search.path.Ts_base_probe(rolls_rad).select(places)
+            chosen = arrows(posed, CHOSEN_MM)
+        self.nodes.lines(WORKS, works, GREEN, width_px=1.6)
+        self.nodes.lines(FAILS, fails, VERMILLION, width_px=1.6)
+        self.nodes.lines(CHOSEN, chosen.reshape(-1, 2, 3), BLUE, width_px=3.0)
+
+
+def spread(points: Floats, first: int) -> Ints:
+    """Return the numbers of some points (n, 3) far from each other, beginning with ``first``."""
+    chosen, apart = [first], np.linalg.norm(points - points[first], axis=1)
+    while len(chosen) < MOST_FANS and apart.max() >= APART_MM:
+        chosen.append(int(apart.argmax()))
+        apart = np.minimum(apart, np.linalg.norm(points - points[chosen[-1]], axis=1))
+    return np.array(chosen)
 
 
 def arrows(Ts_base_probe: Poses, length_mm: float) -> Floats:
     """Return an arrow along +x of each probe, off the bone (-z): segments (n, 3, 2, 3) in base."""
-    tip, barb = length_mm, length_mm - 7.0
-    ends = ((8.0, 0.0), (tip, 0.0), (barb, 4.0), (tip, 0.0), (barb, -4.0), (tip, 0.0))
+    tip, barb = length_mm, length_mm - BARB_MM
+    ends = ((HUB_MM, 0.0), (tip, 0.0), (barb, 0.5 * BARB_MM), (tip, 0.0))
+    ends = (*ends, (barb, -0.5 * BARB_MM), (tip, 0.0))
     corners_probe = np.array([(x, y, -FOOT_MM) for x, y in ends])
     placed = [pose @ corners_probe for pose in Ts_base_probe]
     return np.array(placed, dtype=np.float64).reshape(-1, 3, 2, 3)
@@ -94,7 +109,7 @@ class MarginsLayer(Layer):
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Draw where search, roll, quantity or surroundings are others."""
         if not (self.shown(new) and shows_margins(new)):
-            for node in (PATH, STOP, WORDS):
+            for node in (PATH, CASING, STOP, WORDS):
                 self.nodes.remove(node)
             return
         drawn = old is not None and self.shown(old) and shows_margins(old)
@@ -106,8 +121,11 @@ class MarginsLayer(Layer):
         """Draw the path, and where the robot cannot go on."""
         session, shown, up = new.session, new.view.shown_roll, lift(new, LIFT_MM)
         found = path_margins(session, shown)
-        places, colors = (NO_POINTS, viridis([])) if found is None else colored(found, new)
-        self.nodes.cloud(PATH, places + up, colors, size_mm=1.6)
+        points, colors = (NO_POINTS, viridis([])) if found is None else colored(found, new)
+        line = segments(on_bone(points, new.static_scene, LIFT_MM))
+        self.nodes.lines(CASING, line, INK, width_px=5.0)
+        above = segments(on_bone(points, new.static_scene, LIFT_MM + CASING_MM))
+        self.nodes.lines(PATH, above, segments(colors), width_px=3.0)
         curves, searched = joint_curves(session, shown), session.results.roll
         if curves is None or searched is None or curves.feasible:
             self.nodes.remove(STOP)
@@ -116,18 +134,16 @@ class MarginsLayer(Layer):
         verdict = searched.value.search.verdicts[shown_roll(session, shown) or 0]
         stop = searched.value.search.path.points_base[verdict.index] + up
         words = stop_words(verdict.reason, verdict.joint, verdict.value, verdict.limit)
-        self.nodes.cloud(STOP, stop[None], VERMILLION, size_mm=5.0)
+        self.nodes.dots(STOP, stop[None], VERMILLION, size_px=12.0)
         self.nodes.label(WORDS, words, stop + 3.0 * up)
 
 
 def colored(found: PathMargins, snapshot: Snapshot) -> tuple[Floats, NDArray[np.uint8]]:
-    """Return dots along the path (n, 3) and their colours (n, 3)."""
+    """Return the points of the path (n, 3) and their colours (n, 3)."""
     quantity = snapshot.view.margin
-    fails = found.fails(quantity).astype(np.float64)
-    places, values, failing = dots_along(found.points_base, found.values(quantity), fails)
-    colors = viridis(values / MARGIN_SCALE_MAX[quantity])
-    colors[failing > 0.5] = VERMILLION
-    return places, colors
+    colors = viridis(found.values(quantity) / MARGIN_SCALE_MAX[quantity])
+    colors[found.fails(quantity)] = VERMILLION
+    return found.points_base, colors
 
 
 def stop_words(reason: str, joint: int, value: float, limit: float) -> str:

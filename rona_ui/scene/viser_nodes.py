@@ -2,7 +2,7 @@
 
 from collections.abc import Generator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import trimesh
@@ -13,16 +13,18 @@ from trimesh.visual.material import PBRMaterial
 from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.geometry.mesh import Mesh
 from rona_core.geometry.pose import Pose
-from rona_ui.presentation.colors import Rgb, viridis
+from rona_ui.presentation.colors import Rgb
+from rona_ui.scene.line_colors import sent_color, sent_colors
 from rona_ui.viewer.unseen_node import UnseenNode
 
 M_PER_MM = 0.001
 HANDLE_PX = 5.0  # width of a handle; the viewer takes a press up to twice as far beside it
 UPRIGHT = Pose.from_rotvec((np.pi, 0.0, 0.0))  # the viewer counts the rows of pictures along +y
-DOTS_MM = 0.5  # between dots that look like a line
-SHADES = 8  # of viridis in lines
+DOT_MM = 0.03  # length of the line that a dot of some pixels is drawn by
+GREYED = (110.0, 0.3)  # grey of something black that is stale, and the share of its light beyond
 NO_POINTS, NO_LINES = np.zeros((0, 3)), np.zeros((0, 2, 3))
 Colors = Rgb | NDArray[np.uint8]
+Scalar = TypeVar("Scalar", bound=np.generic)
 
 
 def metres(lengths_mm: ArrayLike) -> NDArray[np.float32]:
@@ -30,8 +32,8 @@ def metres(lengths_mm: ArrayLike) -> NDArray[np.float32]:
     return (np.asarray(lengths_mm, dtype=np.float64) * M_PER_MM).astype(np.float32)
 
 
-def segments(points: Floats) -> Floats:
-    """Return a polyline (n, 3) as segments (n - 1, 2, 3)."""
+def segments(points: NDArray[Scalar]) -> NDArray[Scalar]:
+    """Return a polyline (n, 3), or its colours, as segments (n - 1, 2, 3)."""
     return np.stack((points[:-1], points[1:]), axis=1)
 
 
@@ -44,33 +46,11 @@ def grid_faces(ok: Bools) -> Ints:
     return np.concatenate((np.column_stack((a, b, c)), np.column_stack((a, c, d))))
 
 
-def dots_along(points: Floats, *values: Floats) -> tuple[Floats, ...]:
-    """Return places along a path (n, 3), close enough to look like a line, and values (m,)."""
-    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    along = np.concatenate(([0.0], np.cumsum(steps)))
-    if not along[-1] > 0.0:
-        return points[:1], *(each[:1] for each in values)
-    count = int(np.clip(np.ceil(along[-1] / DOTS_MM), 1, 20_000)) + 1
-    dots_mm = np.linspace(0.0, along[-1], count)
-    places = np.column_stack([np.interp(dots_mm, along, column) for column in points.T])
-    return places, *(np.interp(dots_mm, along, each) for each in values)
-
-
-def shades(shares: Floats) -> Ints:
-    """Return the number of the shade (n,) for shares from 0 to 1."""
-    return np.clip((shares * SHADES).astype(np.int64), 0, SHADES - 1)
-
-
-def shaded(name: str) -> tuple[str, ...]:
-    """Return the names of the nodes of ``draw_shaded``."""
-    return tuple(f"{name}{shade}" for shade in range(SHADES))
-
-
-def draw_shaded(nodes: "SceneNodes", name: str, pairs: Floats, shares: Floats) -> None:
-    """Draw line segments (n, 2, 3) in shades of viridis for shares (n,) from 0 to 1."""
-    colors = viridis((np.arange(SHADES) + 0.5) / SHADES).tolist()
-    for shade, ((r, g, b), node) in enumerate(zip(colors, shaded(name), strict=True)):
-        nodes.lines(node, pairs[shades(shares) == shade], (r, g, b), width_px=2.0)
+def greyed(colors: Colors) -> NDArray[np.uint8]:
+    """Return colours as light greys, the lighter the more light they have."""
+    light = np.asarray(colors, dtype=np.float64) @ (0.299, 0.587, 0.114)
+    grey = np.round(GREYED[0] + GREYED[1] * light).astype(np.uint8)
+    return np.repeat(grey[..., None], 3, axis=-1)
 
 
 class SceneNodes:
@@ -80,6 +60,7 @@ class SceneNodes:
         self._scene = scene
         self._nodes: dict[str, Any] = {}
         self._waiting = False
+        self._greyed = False
 
     def names(self) -> frozenset[str]:
         """Return the names of the nodes that exist, sent or not."""
@@ -101,6 +82,22 @@ class SceneNodes:
             for name in list(self._nodes):
                 if all(self._is_seen(each) for each in _with_parents(name)):
                     self._send(name)
+
+    @contextmanager
+    def drawn_as_stale(self, stale: bool) -> Generator[None]:
+        """Draw all that is drawn meanwhile in grey, if it is stale."""
+        self._greyed = stale
+        try:
+            yield
+        finally:
+            self._greyed = False
+
+    def _one_color(self, color: Rgb) -> Rgb:
+        """Return a colour as it is to be drawn now."""
+        if not self._greyed:
+            return color
+        r, g, b = greyed(color).tolist()
+        return r, g, b
 
     def _is_seen(self, name: str) -> bool:
         node = self._nodes.get(name)
@@ -127,6 +124,7 @@ class SceneNodes:
     ) -> None:
         """Draw a shaded mesh; its opacity is fixed when it is drawn first."""
         vertices, faces = metres(mesh.vertices), np.asarray(mesh.faces, dtype=np.uint32)
+        color = self._one_color(color)
         node = self._nodes.get(name)
         if node is None:
             mesh_options = {"color": color, "opacity": opacity, "side": side}
@@ -150,11 +148,12 @@ class SceneNodes:
         self._nodes[name].color = color
 
     def cloud(self, name: str, points: Floats, colors: Colors, *, size_mm: float = 1.0) -> None:
-        """Draw unlit points (n, 3), so that their colours are those of the colour bar."""
+        """Draw unlit points (n, 3) of a size in mm, in the colours of the colour bar."""
         if not len(points):
             self.remove(name)
             return
-        size, colored = float(M_PER_MM * size_mm), _colors(colors, (len(points), 3))
+        drawn = greyed(colors) if self._greyed else colors
+        size, colored = float(M_PER_MM * size_mm), _colors(drawn, (len(points), 3))
         node = self._nodes.get(name)
         if node is None:
             self._add(
@@ -170,34 +169,49 @@ class SceneNodes:
         else:
             node.points, node.colors, node.point_size = metres(points), colored, size
 
+    def dots(self, name: str, points: Floats, colors: Colors, *, size_px: float) -> None:
+        """Draw unlit points (n, 3) of a size in pixels; see :meth:`lines`.
+
+        The viewer has no points of so many pixels, but lines, and their ends are round.
+        """
+        pairs = np.stack((points, points + DOT_MM / np.sqrt(3.0)), axis=1)
+        each = np.asarray(colors, dtype=np.uint8)
+        self.lines(name, pairs, each if each.ndim == 1 else each[:, None], width_px=size_px)
+
     def lines(
         self,
         name: str,
         pairs: Floats,
-        color: Rgb,
+        colors: Colors,
         *,
         width_px: float = 2.0,
         width_mm: float | None = None,
     ) -> None:
-        """Draw line segments (n, 2, 3) of a width in pixels or in mm, all in one colour.
+        """Draw unlit line segments (n, 2, 3) of a width in pixels or in mm.
 
-        The viewer draws one colour as it is, but colours per point brighter than they are.
+        Colours are one for all, one for each segment (n, 1, 3), or one for each end (n, 2, 3).
         """
         if not len(pairs):
             self.remove(name)
             return
+        drawn = np.asarray(greyed(colors) if self._greyed else colors, dtype=np.uint8)
+        if drawn.ndim > 1:
+            self.remove(name)  # points and colours change in one step
+            drawn = np.ascontiguousarray(np.broadcast_to(sent_colors(drawn), pairs.shape))
+        else:
+            drawn = sent_color(drawn)
         node = self._nodes.get(name)
         if node is None:
             self._add(
                 "line_segments",
                 name,
                 points=metres(pairs),
-                colors=color,
+                colors=drawn,
                 thickness=width_px if width_mm is None else float(M_PER_MM * width_mm),
                 thickness_units="screen" if width_mm is None else "world",
             )
         else:
-            node.points, node.colors = metres(pairs), np.array(color, dtype=np.uint8)
+            node.points, node.colors = metres(pairs), drawn
 
     def frame(self, name: str, pose: Pose) -> None:
         """Place an invisible parent for other nodes."""

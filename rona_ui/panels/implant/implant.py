@@ -44,7 +44,14 @@ from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
 from rona_ui.panels.widgets.step_panel import JudgementNote, StepPanel
-from rona_ui.presentation.colors import MILLING_COLORS, css
+from rona_ui.presentation.colors import (
+    BONE_RIM,
+    MILLING_COLORS,
+    PURPLE,
+    STEEL,
+    VERMILLION,
+    css,
+)
 from rona_ui.presentation.shown import map_errors, map_sigma, opens_window, shown_maps
 from rona_ui.presentation.snapshot import Snapshot, changed
 
@@ -353,10 +360,18 @@ def _tables(bed: ImplantBed, milling: MillingView | None) -> str:
     return html
 
 
+DRAWN = (
+    (css(STEEL), "implant"),
+    (css(PURPLE), "screws"),
+    (css(BONE_RIM), "bed"),
+    (css(VERMILLION), "least bone below the bed"),
+)
+
+
 def _key(snapshot: Snapshot) -> str:
     """Return what the colours of the shown layers mean."""
     view, held, maps = snapshot.view, snapshot.session.results.get("bed"), shown_maps(snapshot)
-    html = ""
+    html = style.key(DRAWN) if view.shows("implant") else ""
     if view.shows("milling"):
         html += style.key(tuple((css(color), word) for word, color in MILLING_COLORS.values()))
     if opens_window(view) and view.shows("inner") and maps is not None:

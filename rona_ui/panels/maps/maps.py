@@ -36,7 +36,6 @@ from rona_ui.presentation.shown import (
     shown_maps,
     shows_handheld_maps,
     shows_second_path,
-    tilt_scale_max_deg,
 )
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import escape
@@ -144,9 +143,7 @@ def second_pass_words(snapshot: Snapshot, view: SecondView | None, scanned: bool
             text += f", {view.duration_s or 0.0:.0f} s in all; {view.done} of {view.count} scanned"
             html += style.note(f"{text}.")
         if shows_second_path(snapshot):
-            most = f"{tilt_scale_max_deg(view):.0f}"
-            html += style.color_bar("Tilt of the probe (deg)", "0", most)
-            html += style.key(((css(SKY), "path of the next tilted pass"),))
+            html += style.key(((css(SKY), "next tilted pass, with axes of the probe"),))
     passes = session.captures.second
     if not passes:
         return html

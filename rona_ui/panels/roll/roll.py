@@ -20,11 +20,11 @@ from rona_ui.panels.widgets.panel_context import PanelContext, on_change
 from rona_ui.panels.widgets.step_panel import StepPanel
 from rona_ui.presentation.colors import (
     BLOCKED,
+    BLUE,
     GREEN,
     ORANGE,
     SKY,
     VERMILLION,
-    YELLOW,
     css,
     viridis_css,
 )
@@ -238,6 +238,9 @@ def place_words(place: BasePlace) -> str:
     )
 
 
+LEGEND = ((css(GREEN), "feasible"), (css(VERMILLION), "infeasible"), (css(BLUE), "selected"))
+
+
 class RollPanel(StepPanel):
     """Range and number of rolls; the map of them stands on the right."""
 
@@ -299,5 +302,9 @@ class RollPanel(StepPanel):
         second = ""
         if curves is not None and not curves.feasible:
             second = style.note(style.sentence(curves.sentence), "warn")
-        legend = ((css(GREEN), "feasible"), (css(VERMILLION), "infeasible"), (css(YELLOW), "shown"))
+        legend = (
+            (css(GREEN), "feasible"),
+            (css(VERMILLION), "infeasible"),
+            (css(BLUE), "selected"),
+        )
         return first + second + style.key(legend)

@@ -2,9 +2,15 @@
 
 import numpy as np
 
+from rona_core.app.dependencies.staleness import CAPTURE, stale_reason
 from rona_core.app.steps.acoustics.view import ReferenceRow, reference_rows
 from rona_core.app.steps.boundaries.ascan_view import ScanName, scan_number_at, scan_poses
-from rona_core.app.steps.boundaries.handlers import DETECTIONS, detection_of_scan, scans_of
+from rona_core.app.steps.boundaries.handlers import (
+    CAPTURES,
+    DETECTIONS,
+    detection_of_scan,
+    scans_of,
+)
 from rona_core.app.steps.handheld.inputs import HAND_POSES
 from rona_core.app.steps.maps.view import SecondView, layers_of, second_cells, second_view
 from rona_core.geometry.arrays import Bools, Floats
@@ -31,20 +37,12 @@ from rona_ui.presentation.shown import (
     shown_volume,
     shows_handheld_maps,
     shows_second_path,
-    tilt_scale_max_deg,
 )
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.scene.cut_plane import Plane, crossings, cut_key, cut_plane
 from rona_ui.scene.layer import Layer, lift
-from rona_ui.scene.viser_nodes import (
-    NO_LINES,
-    NO_POINTS,
-    SceneNodes,
-    draw_shaded,
-    grid_faces,
-    segments,
-    shaded,
-)
+from rona_ui.scene.on_bone import on_bone
+from rona_ui.scene.viser_nodes import NO_LINES, NO_POINTS, SceneNodes, grid_faces, segments
 
 NODE = "/scan/growing"
 SIZE_MM = 1.2
@@ -74,11 +72,24 @@ class GrowingMapLayer(Layer):
         self.nodes.show(NODE, self.shown(new))
 
 
+class OfMaps(Layer):
+    """What is drawn of maps; it gives way while the echo volume is looked at, as it lies in it."""
+
+    def stale(self, snapshot: Snapshot) -> bool:
+        """Return whether the shown maps are stale."""
+        name = "sono_maps" if shows_handheld_maps(snapshot) else "maps"
+        return stale_reason(name, snapshot.session) is not None
+
+    def shown(self, snapshot: Snapshot) -> bool:
+        """Return whether the layer is switched on, and the volume is not in its place."""
+        return super().shown(snapshot) and shown_volume(snapshot) is None
+
+
 BAND, OUTER, INNER = "/cut_bone", "/cut_outer", "/cut_inner"
 MAPS = ("outer", "inner", "fused")
 
 
-class ProfileLayer(Layer):
+class ProfileLayer(OfMaps):
     """Draws both boundaries as lines in the cut and, where both are mapped, the bone between."""
 
     def __init__(self, nodes: SceneNodes) -> None:
@@ -142,15 +153,8 @@ def _sheet(boundary: BoundaryMap, ok: Bools) -> Mesh:
 
 
 SCAN, NOW = "/scan/points", "/scan/now"
-LIFT_MM = 1.5  # of the places of A-scans, so that the skull does not hide them
-
-
-class OfMaps(Layer):
-    """What gives way while the echo volume is looked at: it lies within it."""
-
-    def shown(self, snapshot: Snapshot) -> bool:
-        """Return whether the layer is switched on, and the volume is not in its place."""
-        return super().shown(snapshot) and shown_volume(snapshot) is None
+LIFT_MM = 0.8  # of the places of A-scans over the bone
+SCAN_PX, NOW_PX = 4.0, 13.0
 
 
 class MapLayer(OfMaps):
@@ -160,6 +164,11 @@ class MapLayer(OfMaps):
         super().__init__(nodes)
         self.layer = name
         self._node = f"/maps/{name}"
+
+    def shown(self, snapshot: Snapshot) -> bool:
+        """Leave the colours to the probability of a bed where that is shown."""
+        chances = snapshot.view.step == "implant" and snapshot.view.shows("chance")
+        return super().shown(snapshot) and not chances
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Draw the map where it, its quantity or its cut is another one."""
@@ -196,19 +205,24 @@ class ScanLayer(Layer):
 
     layer = "scan"
 
+    def stale(self, snapshot: Snapshot) -> bool:
+        """Return whether the A-scans or what was detected in them are stale."""
+        names = (f"{CAPTURE}{CAPTURES[snapshot.scan]}", DETECTIONS[snapshot.scan])
+        return any(stale_reason(name, snapshot.session) for name in names)
+
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Draw the points of the pass that is looked at, and the one under the replay cursor."""
         redrawn = old is None or _scan_key(old) != _scan_key(new)
         moved = old is None or old.scan_cursor != new.scan_cursor
         if redrawn or moved:
-            places = scan_places(new) + lift(new, LIFT_MM)
+            places = on_bone(scan_places(new), new.static_scene, LIFT_MM)
             if redrawn:
                 self._draw_points(places, new, new.scan)
             number = None
             if new.scan_cursor is not None:
                 number = scan_number_at(new.session, new.scan_cursor, new.scan)
             mark = places[number : number + 1] if number is not None else places[:0]
-            self.nodes.cloud(NOW, mark, YELLOW, size_mm=3.0)
+            self.nodes.dots(NOW, mark, YELLOW, size_px=NOW_PX)
         seen = self.shown(new) and not new.scanning  # while it scans they are of the scan before
         self.nodes.show(SCAN, seen)
         looking = new.scan_cursor is not None and new.view.step == "maps"
@@ -220,7 +234,7 @@ class ScanLayer(Layer):
         if detected is not None:
             found = detected.inner_ok[:, None]
             colors = np.where(found, GREEN, VERMILLION).astype(np.uint8)
-        self.nodes.cloud(SCAN, places, colors, size_mm=1.6)
+        self.nodes.dots(SCAN, places, colors, size_px=SCAN_PX)
 
 
 def scan_places(snapshot: Snapshot) -> Floats:
@@ -248,6 +262,7 @@ def _scan_key(snapshot: Snapshot) -> tuple[object, ...]:
 
 
 POINTS = "/references/points"
+REFERENCE_PX = 9.0
 POINT_MM, LABEL_MM = 1.0, 4.0  # above the outer boundary
 
 
@@ -255,6 +270,10 @@ class ReferencesLayer(OfMaps):
     """Draws the reference points of step 9; doubtful ones are orange and labelled so."""
 
     layer = "references"
+
+    def stale(self, snapshot: Snapshot) -> bool:
+        """Return whether the points are of another set-up: they do not rest on the maps."""
+        return stale_reason(f"{CAPTURE}references", snapshot.session) is not None
 
     def __init__(self, nodes: SceneNodes) -> None:
         super().__init__(nodes)
@@ -277,7 +296,7 @@ class ReferencesLayer(OfMaps):
         places = NO_POINTS if held is None else held.places_base
         up = lift(new, 1.0)
         colors = np.array([PURPLE if row.counts else ORANGE for row in rows], dtype=np.uint8)
-        self.nodes.cloud(POINTS, places + POINT_MM * up, colors.reshape(-1, 3), size_mm=SIZE_MM)
+        self.nodes.dots(POINTS, places + POINT_MM * up, colors.reshape(-1, 3), size_px=REFERENCE_PX)
         for row, place in zip(rows, places, strict=True):
             self.nodes.label(_label(row.number), label_words(row), place + LABEL_MM * up)
         for number in range(len(rows), self._labels):
@@ -296,41 +315,40 @@ def _label(number: int) -> str:
 
 
 PATH, AXES, CELLS = "/second/path", "/second/axes", "/second/cells"
-AXIS_MM = 10.0
+AXIS_MM = 6.0
 MOST_AXES = 240
 CELLS_MM = 1.2  # of the cells over the bone
-CELL_MM, PATH_MM = 0.2, 0.35
+CELL_PX = 2.0
 WHITE: Rgb = (255, 255, 255)
 
 
-class SecondLayer(OfMaps):
+class SecondLayer(Layer):
     """Draws the second path until it is scanned, and while that pass is selected."""
 
     layer = "second"
+    results = ("maps", "second")
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Draw the path where it is another one, and the cells where the maps are."""
-        if changed(old, new, "session.results.second"):
-            self._draw_path(second_view(new.session))
+        if changed(old, new, "session.results.second", "static_scene"):
+            self._draw_path(second_view(new.session), new)
         if changed(old, new, "session.results.maps", "session.captures.second", "static_scene"):
             cells = second_cells(new.session)
             points = NO_POINTS if cells is None else cells.points_base + lift(new, CELLS_MM)
-            self.nodes.cloud(CELLS, points, WHITE, size_mm=CELL_MM)
-        for node in (PATH, *shaded(AXES)):
-            self.nodes.show(node, self.shown(new) and shows_second_path(new))
+            self.nodes.dots(CELLS, points, WHITE, size_px=CELL_PX)
+        shown = self.shown(new) and shown_volume(new) is None
+        for node in (PATH, AXES):
+            self.nodes.show(node, shown and shows_second_path(new))
         mapped = new.view.shows("inner") and not shows_handheld_maps(new)
         mapped = mapped and not new.view.quantity.startswith("error")  # white is no error there
-        self.nodes.show(CELLS, self.shown(new) and mapped)
+        self.nodes.show(CELLS, shown and mapped and not self.stale(new))
 
-    def _draw_path(self, view: SecondView | None) -> None:
+    def _draw_path(self, view: SecondView | None, new: Snapshot) -> None:
         """Draw the path, and at some places the probe's axis out of the bone."""
-        if view is None:
-            for node in (PATH, *shaded(AXES)):
-                self.nodes.remove(node)
-            return
-        self.nodes.lines(PATH, segments(view.points_base), SKY, width_mm=PATH_MM)
-        every = 1 + len(view.points_base) // MOST_AXES
-        feet, axes = view.points_base[::every], view.axes_base[::every]
-        pairs = np.stack((feet, feet - AXIS_MM * axes), axis=1)
-        shares = view.lean_deg[::every] / max(tilt_scale_max_deg(view), 1e-9)
-        draw_shaded(self.nodes, AXES, pairs, shares)
+        points = axes = NO_POINTS
+        if view is not None:
+            points = on_bone(view.points_base, new.static_scene, LIFT_MM)
+            every = 1 + len(points) // MOST_AXES
+            axes = np.stack((points, points - AXIS_MM * view.axes_base), axis=1)[::every]
+        self.nodes.lines(PATH, segments(points), SKY, width_px=2.0)
+        self.nodes.lines(AXES, axes, SKY, width_px=1.0)

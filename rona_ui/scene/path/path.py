@@ -9,7 +9,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import trimesh
 
 from rona_core.app.steps.path.messages import (
     DeletePathPoint,
@@ -25,13 +24,13 @@ from rona_core.geometry.arrays import Floats, Vector3
 from rona_core.geometry.mesh import Mesh
 from rona_core.path.zones import PaintedStroke, PaintKind
 from rona_core.session.document import Session
-from rona_core.session.memo import Memo
 from rona_ui.presentation.colors import (
     BLUE,
     GREEN,
     ORANGE,
     PURPLE,
     SKY,
+    STEEL,
     VERMILLION,
     YELLOW,
     Rgb,
@@ -42,15 +41,8 @@ from rona_ui.presentation.shown import shown_path, shown_path_key, shows_margins
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.presentation.view_state import PAINTING, Point, ViewState
 from rona_ui.scene.layer import Layer, lift
-from rona_ui.scene.viser_nodes import (
-    NO_LINES,
-    NO_POINTS,
-    SceneNodes,
-    dots_along,
-    draw_shaded,
-    segments,
-    shaded,
-)
+from rona_ui.scene.on_bone import on_bone, skull_normals
+from rona_ui.scene.viser_nodes import NO_LINES, NO_POINTS, SceneNodes, segments
 
 COLORS: dict[PaintKind, Rgb] = {"scan": GREEN, "avoid": VERMILLION}
 PAINT_LIFT_MM: dict[PaintKind, float] = {
@@ -59,7 +51,6 @@ PAINT_LIFT_MM: dict[PaintKind, float] = {
 }  # off the skull; avoid lies on top
 OPACITY = 0.55
 HALVINGS = 3  # of the edges of the drawn skull, so that the rim looks round
-NORMALS: Memo[Floats] = Memo(2)
 
 
 class PaintedLayer(Layer):
@@ -101,7 +92,7 @@ def footprint(skull: Mesh, strokes: tuple[PaintedStroke, ...], lift_mm: float) -
     depths = _depths_mm(strokes, skull.vertices)
     edge_mm = float(np.linalg.norm(np.ptp(skull.vertices[skull.faces[:200]], axis=1), axis=1).max())
     near = skull.faces[(depths[skull.faces] > -edge_mm).any(axis=1)]
-    corners = np.concatenate((skull.vertices, _normals(skull)), axis=1)[near]  # (k, 3, 6)
+    corners = np.concatenate((skull.vertices, skull_normals(skull)), axis=1)[near]  # (k, 3, 6)
     for _ in range(HALVINGS):
         a, b, c = (corners[:, i] for i in range(3))
         ab, bc, ca = (a + b) / 2.0, (b + c) / 2.0, (c + a) / 2.0
@@ -113,14 +104,6 @@ def footprint(skull: Mesh, strokes: tuple[PaintedStroke, ...], lift_mm: float) -
     return Mesh(points[:, :3] + lift_mm * points[:, 3:], faces)
 
 
-def _normals(skull: Mesh) -> Floats:
-    def compute() -> Floats:
-        solid = trimesh.Trimesh(skull.vertices, skull.faces, process=False)
-        return np.asarray(solid.vertex_normals, dtype=np.float64)
-
-    return NORMALS.get((skull,), compute)
-
-
 def _depths_mm(strokes: tuple[PaintedStroke, ...], places: Floats) -> Floats:
     depths = np.full(len(places), -np.inf)
     for stroke in strokes:
@@ -130,27 +113,46 @@ def _depths_mm(strokes: tuple[PaintedStroke, ...], places: Floats) -> Floats:
 
 RAW, SMOOTH, CORNERS, AXES = "/path/raw", "/path/smooth", "/path/points", "/path/axes"
 DEVIATION, TILTED, THIN = "/path/deviation", "/path/tilted", "/path/thin"
-LIFT_MM = 0.5
-RAW_MM, SMOOTH_MM = 0.45, 0.8  # widths: from afar the rows stay apart
-AXIS_MM = 14.0
+RAW_MM, SMOOTH_MM, CORNERS_MM = 0.3, 0.7, 0.9  # over the bone, the later the higher
+LINE_PX, CORNER_PX, MARK_PX = 2.0, 7.0, {TILTED: 11.0, THIN: 8.0}
+AXIS_MM, AXIS_PX = 7.0, 1.2
 MOST_AXES = 120
 
 
 class PathLayer(Layer):
-    """Draws the raw path in orange, in step 6 by its deviation, and the smoothed one in blue."""
+    """Draws the demonstrated path in orange; after step 5 it gives way to the smoothed one."""
 
     layer = "path"
+    results = ("path",)
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
-        """Draw each path where it is another one."""
-        fresh = changed(old, new, "static_scene")
-        if fresh or changed(old, new, "session.results.path"):
+        """Draw the path where it is another one."""
+        if changed(old, new, "static_scene", "session.results.path"):
             raw = new.session.results.path
-            points = NO_POINTS if raw is None else raw.value.points_base + lift(new, LIFT_MM)
-            self.nodes.lines(RAW, segments(points), ORANGE, width_mm=RAW_MM)
+            points = NO_POINTS if raw is None else raw.value.points_base
+            placed = on_bone(points, new.static_scene, RAW_MM)
+            self.nodes.lines(RAW, segments(placed), ORANGE, width_px=LINE_PX)
+        smoothed = new.session.results.smoothing is not None
+        wanted = new.view.step == "path" or not smoothed or new.view.all_layers
+        self.nodes.show(RAW, self.shown(new) and _clear(new) and wanted)
+
+
+class SmoothLayer(Layer):
+    """Draws the smoothed path in blue, and in step 6 how far the demonstrated one is from it."""
+
+    layer = "path"
+    results = ("smoothing",)
+
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
+        """Draw the path where it is another one."""
+        fresh = changed(old, new, "static_scene")
         if fresh or old is None or shown_path_key(old) != shown_path_key(new):
             self.draw(new)
-        self._show(new)
+        later = self.shown(new) and _clear(new) and (new.view.step != "path" or new.view.all_layers)
+        later = later and not shows_margins(new)
+        for node in (SMOOTH, CORNERS):
+            self.nodes.show(node, later)
+        self.nodes.show(DEVIATION, self.shown(new) and new.view.step == "smoothing")
 
     def draw(self, new: Snapshot) -> None:
         """Draw the smoothed path with its points, and the deviation of the raw one."""
@@ -161,74 +163,66 @@ class PathLayer(Layer):
         if view is not None:
             corners = view.corners_base
             dense = corners if view.preview else dense
-        self.nodes.lines(SMOOTH, segments(dense + lift(new, 3 * LIFT_MM)), BLUE, width_mm=SMOOTH_MM)
-        self.nodes.cloud(CORNERS, corners + lift(new, 4 * LIFT_MM), BLUE, size_mm=0.9)
+        line = segments(on_bone(dense, new.static_scene, SMOOTH_MM))
+        self.nodes.lines(SMOOTH, line, BLUE, width_px=LINE_PX)
+        placed = on_bone(corners, new.static_scene, CORNERS_MM)
+        self.nodes.dots(CORNERS, placed, BLUE, size_px=CORNER_PX)
         if view is None:
             self.nodes.remove(DEVIATION)
             return
-        points, values = dots_along(view.raw_base, view.from_raw_mm)
-        colors = viridis(values / max(view.tolerance_mm, 1e-9))
-        self.nodes.cloud(DEVIATION, points + lift(new, 2 * LIFT_MM), colors, size_mm=0.45)
-
-    def _show(self, new: Snapshot) -> None:
-        clear = new.view.all_layers or not _scanned(new)
-        by_deviation = new.view.step == "smoothing" and DEVIATION in self.nodes.names()
-        self.nodes.show(RAW, self.shown(new) and clear and not by_deviation)
-        self.nodes.show(DEVIATION, self.shown(new) and by_deviation)
-        later = self.shown(new) and clear and (new.view.step != "path" or new.view.all_layers)
-        later = later and not shows_margins(new)
-        for node in (SMOOTH, CORNERS):
-            self.nodes.show(node, later)
+        pairs = segments(on_bone(view.raw_base, new.static_scene, RAW_MM))
+        colors = viridis(view.from_raw_mm / max(view.tolerance_mm, 1e-9))
+        self.nodes.lines(DEVIATION, pairs, segments(colors), width_px=LINE_PX)
 
 
-def _scanned(snapshot: Snapshot) -> bool:
-    """Return whether the path would hide the points of a scan on it."""
-    there = snapshot.session.captures.scan is not None and not snapshot.scanning
-    return snapshot.view.step == "scan" and there
+def _clear(snapshot: Snapshot) -> bool:
+    """Return whether a path would not hide the points of a scan on it."""
+    scanned = snapshot.session.captures.scan is not None and not snapshot.scanning
+    return snapshot.view.all_layers or not (snapshot.view.step == "scan" and scanned)
 
 
 class AxesLayer(Layer):
-    """Draws the normals as short lines out of the bone, coloured by their predicted error."""
+    """Draws the axes of the probe as short lines out of the bone."""
 
     layer = "arrows"
     follows = ("session.results.smoothing", "session.setup.devices.probe.name")
-    names = shaded(AXES)
+    names = (AXES,)
+    results = ("smoothing",)
 
     def shown(self, snapshot: Snapshot) -> bool:
         """Hide them while a preview is dragged: those of a preview are not known."""
         return Layer.shown(self, snapshot) and snapshot.preview_mm is None
 
     def draw(self, new: Snapshot) -> None:
-        """Draw every k-th normal."""
-        check = check_path(new.session)
-        pairs, shares = NO_LINES, np.zeros(0)
+        """Draw every k-th axis."""
+        check, pairs = check_path(new.session), NO_LINES
         if check is not None:
             every = 1 + len(check.sigma_deg) // MOST_AXES
             feet, normals = check.places_base[::every], check.normals[::every]
             pairs = np.stack((feet, feet + AXIS_MM * normals), axis=1)
-            shares = check.sigma_deg[::every] / check.tolerance_deg
-        draw_shaded(self.nodes, AXES, pairs, shares)
+        self.nodes.lines(AXES, pairs, STEEL, width_px=AXIS_PX)
 
 
 class WarningsLayer(AxesLayer):
     """Marks places of too large probe tilt, and places to sample again."""
 
     layer = "warnings"
+    follows = (*AxesLayer.follows, "static_scene")
     names = (TILTED, THIN)
 
     def draw(self, new: Snapshot) -> None:
         """Draw the marks."""
         check = check_path(new.session)
-        for node, color, size in ((TILTED, VERMILLION, 1.5), (THIN, PURPLE, 1.0)):
+        for node, color in ((TILTED, VERMILLION), (THIN, PURPLE)):
             points = NO_POINTS
             if check is not None:
-                marked = check.tilted if node == TILTED else check.thin
-                points = (check.places_base + 4 * LIFT_MM * check.normals)[marked]
-            self.nodes.cloud(node, points, color, size_mm=size)
+                points = check.places_base[check.tilted if node == TILTED else check.thin]
+            placed = on_bone(points, new.static_scene, SMOOTH_MM)
+            self.nodes.dots(node, placed, color, size_px=MARK_PX[node])
 
 
 EDITING_LIFT_MM = 2.0
-MARK_MM = 1.4
+HELD_PX = 10.0
 MOVED_POINT, MOVE_TARGET = "/edit/grabbed", "/edit/place"
 BOUNDARY, CENTER = "/pattern/boundary", "/pattern/center"
 MARKS = ("view.drawing", "view.moved_point", "view.move_target", "view.center", "view.boundary")
@@ -353,4 +347,4 @@ class EditLayer(Layer):
 
     def _mark(self, node: str, place: object, color: Rgb, up: Vector3) -> None:
         points = np.array([] if place is None else [place], dtype=np.float64).reshape(-1, 3)
-        self.nodes.cloud(node, points + up, color, size_mm=MARK_MM)
+        self.nodes.dots(node, points + up, color, size_px=HELD_PX)

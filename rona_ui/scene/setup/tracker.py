@@ -221,7 +221,7 @@ class LabelsLayer(Layer):
                 self._keep({})
             return
         parts = ("static_scene", "frame", "live.joints", "T_base_pointermarker", "view")
-        if changed(old, new, *parts, "session.setup"):
+        if changed(old, new, *parts, "session.setup", "session.results"):
             self._keep(labels(new))
 
     def _keep(self, wanted: dict[str, Vector3]) -> None:

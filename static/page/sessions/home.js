@@ -1,4 +1,4 @@
-// Start page: new, open, demo, recent files with their pictures, state of the devices.
+// Start page: new, open, demo, recent files with their pictures.
 
 import { $, API, ask, element, follow, megabytes, program, trying, when } from "../base.js";
 import { openDemo, openFile, openNew, openUpload, showOpen } from "./sessions.js";
@@ -45,30 +45,6 @@ async function refresh() {
     file.replace(/\.rona$/, ""), `${when(changed_utc)} · ${megabytes(size_bytes)}`, () => openFile(file),
   )));
   $("homenone").hidden = found.files.length > 0;
-  await devices();
-}
-
-const KINDS = { VIRTUAL: "simulated", REPLAY: "played back from a recording", REAL: "connected hardware" };
-
-async function devices() {
-  const session = program.state?.session;
-  const rows = [["Tracker", "–"], ["Robot", "–"], ["Probe", "–"]];
-  let words = "Devices belong to a session: open one.";
-  if (session && program.state.origin) {
-    const held = (await trying(() => ask(`/sessions/${session.id}`)))?.setup.devices;
-    const { origin } = program.state;
-    words = `${origin}: ${KINDS[origin] ?? ""}, of “${session.name}”.`;
-    if (held) {
-      const [first, ...rest] = held.tracker.profile;
-      rows[0][1] = `${first.toUpperCase()}${rest.join("")}, ${held.tracker.rate_hz} Hz`;
-      rows[1][1] = held.robot.model.toUpperCase();
-      rows[2][1] = held.probe.name.replace(/(\d)MHz/, "$1 MHz");
-    }
-  } else if (session) {
-    words = "The devices of the open session could not be built: see step 1.";
-  }
-  $("homedevices").textContent = words;
-  $("homedevicelist").replaceChildren(...rows.flatMap(([name, value]) => [element("dt", name), element("dd", value)]));
 }
 
 for (const [id, act] of [["homenew", openNew], ["homedemo", openDemo]]) $(id).addEventListener("click", () => trying(act));
@@ -81,7 +57,7 @@ $("homefile").addEventListener("change", () => {
 
 let seen = "";
 follow("status", (now) => {
-  const text = JSON.stringify([now.sessions, now.origin]);
+  const text = JSON.stringify(now.sessions);
   if (text === seen || document.body.dataset.view !== "home") return;
   seen = text;
   refresh();

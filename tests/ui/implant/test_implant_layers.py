@@ -49,6 +49,9 @@ class Nodes:
     def cloud(self, node, points, colors, *, size_mm):
         self._put(node, points, colors)
 
+    def dots(self, node, points, colors, *, size_px):
+        self._put(node, points, colors)
+
     def lines(self, node, pairs, color, **look):
         self._put(node, pairs, color)
 

@@ -24,8 +24,9 @@ from rona_ui.presentation.colors import BLUE, VERMILLION
 from rona_ui.presentation.shown import opening_step, opening_view, shown_joints, shows_roll_preview
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState
+from rona_ui.scene.line_colors import sent_color
 from rona_ui.scene.maps.maps import MapLayer, ScanLayer
-from rona_ui.scene.path.path import PathLayer
+from rona_ui.scene.path.path import SmoothLayer
 from rona_ui.scene.viser_nodes import SceneNodes
 from tests.helpers.ui.fake_gui import FakeGui
 
@@ -93,7 +94,7 @@ def test_a_line_keeps_the_one_colour_it_was_given() -> None:
         nodes.lines("/line", np.zeros((n, 2, 3)), (230, 159, 0))
         (node,) = there
         assert node.points.shape == (n, 2, 3)
-        assert np.asarray(node.colors).tolist() == [230, 159, 0]
+        assert np.asarray(node.colors).tolist() == sent_color((230, 159, 0)).tolist()
 
 
 def test_a_colour_bar_says_where_values_lie_beyond_it(demo: Session) -> None:
@@ -210,7 +211,7 @@ def test_points_of_the_scan_before_are_not_shown_while_the_robot_scans(demo: Ses
         shown[name] = True
 
     nodes: Any = SimpleNamespace(
-        cloud=draw,
+        dots=draw,
         lines=draw,
         show=shown.__setitem__,
         names=shown.keys,
@@ -219,6 +220,6 @@ def test_points_of_the_scan_before_are_not_shown_while_the_robot_scans(demo: Ses
     at_rest = snapshot(demo, ViewState(step="scan"))
     for at, scanning in ((at_rest, False), (replace(at_rest, job=SCANNING), True)):
         ScanLayer(nodes).render(None, at)
-        PathLayer(nodes).render(None, at)
+        SmoothLayer(nodes).render(None, at)
         assert shown["/scan/points"] != scanning
-        assert shown["/path/smooth"] == shown["/path/raw"] == scanning
+        assert shown["/path/smooth"] == scanning

@@ -259,7 +259,7 @@ class FakeStage:
     def lines(self, name: str, pairs: Any, color: Any, **_: Any) -> None:
         self.drawn[name] = len(pairs)
 
-    def cloud(self, name: str, points: Any, colors: Any, **_: Any) -> None:
+    def dots(self, name: str, points: Any, colors: Any, **_: Any) -> None:
         self.drawn[name] = len(points)
 
     def show(self, name: str, visible: bool) -> None:
@@ -291,7 +291,7 @@ def test_the_scene_shows_the_leaning_path_while_it_matters_and_the_cells_it_brou
 def test_the_legend_of_the_second_path_is_there_when_the_path_is(demo: Session) -> None:
     desk = Desk(MapsPanel, demo, ViewState(step="maps"))
     assert "Inner coverage" in shown(desk)
-    assert "Tilt of the probe" not in shown(desk)
+    assert "with axes of the probe" not in shown(desk)
     desk.view = ViewState(step="maps", second=True)
     desk.draw()
-    assert "Tilt of the probe" in shown(desk)
+    assert "with axes of the probe" in shown(desk)

@@ -44,6 +44,7 @@ from rona_ui.presentation.camera import STEP_PRESETS
 from rona_ui.presentation.colors import GREEN, VERMILLION, css
 from rona_ui.presentation.shown import shown_joints
 from rona_ui.presentation.view_state import ViewState
+from rona_ui.scene.line_colors import sent_colors
 from rona_ui.scene.roll import PATH, STOP, WORDS, MarginsLayer
 from rona_ui.scene.setup.robot import RED, ROOT, ClearanceLayer, ObstaclesLayer, highlighted_parts
 from rona_ui.scene.viser_nodes import SceneNodes
@@ -276,8 +277,8 @@ def test_the_path_is_drawn_by_margins_and_stops_where_the_roll_fails(demo: Sessi
     plan = plan_of(demo)
     layer.render(None, snapshot(demo, view=replace(ROLL, shown_roll=fails)))
     colors = scene.nodes[PATH].colors
-    assert (colors == VERMILLION).all(axis=1).any()
-    stop = scene.nodes[STOP].points[0] * 1000.0
+    assert (colors == sent_colors(VERMILLION)).all(axis=-1).any()
+    stop = scene.nodes[STOP].points[0, 0] * 1000.0
     np.testing.assert_allclose(
         stop, plan.search.path.points_base[plan.search.verdicts[fails].index], atol=1e-3
     )

@@ -64,7 +64,8 @@ def rim(scene: StaticScene) -> np.ndarray:
     ("step", "share"),
     [
         *((step, 0.4) for step in ("surface", "path", "smoothing", "maps", "implant")),
-        *((step, 0.12) for step in ("roll", "scan")),  # beside the arm
+        *((step, 0.2) for step in ("roll", "scan")),  # beside the arm
+        ("setup", 0.12),  # with the head
     ],
 )
 def test_the_region_fills_its_share_of_the_canvas(
@@ -133,7 +134,7 @@ def test_radiological_views_are_taken_from_the_side_they_name(name, side, up) ->
 
 def test_picking_the_region_and_pivoting_by_hand_have_a_view_of_their_own() -> None:
     at = Snapshot(Session(), ViewState(step="setup"), (), LiveState())
-    assert shown_preset(at) == "Overview"
+    assert shown_preset(at) == "Head"
     assert shown_preset(replace(at, view=ViewState(step="setup", drawing="region"))) == "Region"
     pivoting = replace(at, view=ViewState(step="pointer"), pivoting_by_hand=True)
     assert shown_preset(pivoting) == "Overview"  # nobody knows yet where the pointer is

@@ -17,10 +17,10 @@ MAPS = ViewState(step="maps")
 PLACES = np.array([[600.0, 60.0, 400.0], [610.0, 50.0, 398.0], [590.0, 70.0, 399.0]])
 
 
-class Clouds(SceneNodes):
-    """Remembers points and colours of clouds, too."""
+class Dots(SceneNodes):
+    """Remembers points and colours of dots, too."""
 
-    def cloud(self, node, points, colors, *, size_mm):
+    def dots(self, node, points, colors, *, size_px):
         if len(points):
             self.colors[node] = (points, colors)
         else:
@@ -34,7 +34,7 @@ def measured(n):
 
 
 def test_points_have_their_places_and_numbers_and_go_with_the_layer():
-    nodes = Clouds()
+    nodes = Dots()
     layer = ReferencesLayer(nodes)
     three = snapshot(measured(3), view=MAPS, static_scene=ROOM)
     layer.render(None, three)
@@ -58,7 +58,7 @@ def test_points_have_their_places_and_numbers_and_go_with_the_layer():
 def test_a_doubtful_point_is_orange_and_told(monkeypatch):
     rows = (ReferenceRow(0, 5.0, 0.021, 2.65, True), ReferenceRow(1, 7.0, -0.9, 2.2, False))
     monkeypatch.setattr("rona_ui.scene.maps.maps.reference_rows", lambda session: rows)
-    nodes = Clouds()
+    nodes = Dots()
     ReferencesLayer(nodes).render(None, snapshot(measured(2), view=MAPS))
     assert nodes.colors[POINTS][1].tolist() == [list(PURPLE), list(ORANGE)]
     assert label_words(rows[0]) == "1"

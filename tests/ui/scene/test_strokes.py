@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rona_core.geometry.mesh import Mesh
-from rona_ui.presentation.colors import SKY, STEEL
+from rona_ui.presentation.colors import BLUE, STEEL
 from rona_ui.presentation.static_scene import StaticScene
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.pointer import (
@@ -19,6 +19,7 @@ from rona_ui.scene.pointer import (
     StrokeLayer,
     over_skull,
 )
+from rona_ui.scene.viser_nodes import grid_faces
 from tests.ui.panels.test_panels import snapshot
 from tests.ui.scene.test_volume import Nodes
 
@@ -32,7 +33,7 @@ def dome():
     heights = np.sqrt(RADIUS_MM**2 - u**2 - v**2)
     vertices = np.column_stack((u.ravel(), v.ravel(), heights.ravel()))
     scene = StaticScene("VIRTUAL", *[np.zeros(3)] * 6, head_axes_base=np.eye(3))  # type: ignore
-    skull = Mesh(vertices, np.array([[0, 1, 81]]))
+    skull = Mesh(vertices, grid_faces(np.ones(u.shape, dtype=np.bool_)))
     return replace(scene, skull=skull, region_normal_base=np.array((0.0, 0.0, 1.0)))
 
 
@@ -48,18 +49,18 @@ def test_the_cloud_is_grey_while_a_stroke_grows_and_comes_back(demo):
         stroke.render(old, new)
 
     draw(None, rests)
-    assert nodes.drawn[CLOUD][1] == SKY
+    assert nodes.drawn[CLOUD][1] == BLUE
     assert not len(nodes.drawn[STROKE][0])
     draw(rests, grows)
     assert nodes.drawn[CLOUD][1] == STEEL
     np.testing.assert_array_equal(nodes.drawn[STROKE][0], tips)
-    assert nodes.drawn[STROKE][1] == SKY
+    assert nodes.drawn[STROKE][1] == BLUE
     longer = replace(grows, stroke=np.vstack((tips, tips + 1.0)))
     draw(grows, longer)
     assert len(nodes.drawn[STROKE][0]) == 20
     assert nodes.times[CLOUD] == 2  # it has not changed
     draw(longer, rests)
-    assert nodes.drawn[CLOUD][1] == SKY
+    assert nodes.drawn[CLOUD][1] == BLUE
     assert not len(nodes.drawn[STROKE][0])
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from rona_core.geometry.pose import Pose
+from rona_ui.scene.line_colors import sent_color
 from rona_ui.scene.viser_nodes import SceneNodes
 
 PAIRS = np.array([[[0.0, 0.0, 0.0], [1000.0, 0.0, 0.0]]])
@@ -56,7 +57,7 @@ def test_what_is_hidden_is_sent_when_it_is_shown_as_it_is_then(
         nodes.show("/hidden", True)
     node = scene.sent["/hidden"]
     np.testing.assert_allclose(node.points, 0.002 * PAIRS)
-    np.testing.assert_array_equal(node.colors, (4, 5, 6))
+    np.testing.assert_array_equal(node.colors, sent_color((4, 5, 6)))
     assert nodes.node("/hidden") is node
     with nodes.sent_when_seen():
         nodes.show("/hidden", False)

@@ -31,6 +31,9 @@ class Nodes:
     def cloud(self, node, points, colors, *, size_mm):
         self._draw(node, points, colors)
 
+    def dots(self, node, points, colors, *, size_px):
+        self._draw(node, points, colors)
+
     def lines(self, node, pairs, color, *, width_px):
         self._draw(node, pairs, color)
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rona_core.app.steps.setup.clearance import collision_world
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
-from rona_core.geometry.pose import Pose, Poses
+from rona_core.geometry.pose import Poses
 from rona_core.robot.collision.collision_world import CollisionWorld
 from rona_core.robot.kinematics.arm import BRANCHES
 from rona_core.robot.kinematics.catalog import robot_model
@@ -181,20 +181,24 @@ def ranked_ways(session: Session) -> tuple[RankedWay, ...]:
     )
 
 
-def roll_poses(session: Session, place: float) -> tuple[Poses, Bools, Ints] | None:
-    """Return the probe at a share of the path for some rolls, and which of them work."""
-    searched = session.results.roll
-    if searched is None or not searched.value.search.verdicts:
-        return None
-    plan = searched.value
-    last = len(plan.search.verdicts) - 1
-    index = np.unique(np.linspace(0, last, MOST_DRAWN).round().astype(np.int64))
-    at, poses = point_at(plan, place), list[Pose]()
-    for i in index:
-        turned = plan.search.path.Ts_base_probe(np.deg2rad(plan.search.verdicts[int(i)].roll_deg))
-        poses.append(turned[at])
-    works = np.array([plan.search.verdicts[int(i)].feasible for i in index], dtype=np.bool_)
-    return Poses.stack(poses), readonly(works), readonly(index)
+def roll_poses(plan: RobotPlan, places: Ints) -> tuple[tuple[Poses, ...], Bools]:
+    """Return the probe at some path points for some of the rolls, and which rolls work.
+
+    Args:
+        plan: With its search.
+        places: Numbers (k,) of path points.
+
+    Returns:
+        For each of at most ``MOST_DRAWN`` rolls the k poses in ``base``, and whether the whole
+        path can be followed with it.
+    """
+    verdicts = plan.search.verdicts
+    some = np.linspace(0, len(verdicts), min(MOST_DRAWN, len(verdicts)), endpoint=False)
+    drawn = [verdicts[int(number)] for number in some]
+    poses = tuple(
+        plan.search.path.Ts_base_probe(np.deg2rad(each.roll_deg)).select(places) for each in drawn
+    )
+    return poses, readonly(np.array([each.feasible for each in drawn], dtype=np.bool_))
 
 
 def point_at(plan: RobotPlan, place: float) -> int:

@@ -44,7 +44,7 @@ from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import Preview, ViewState
 from rona_ui.scene.path import path as scene_path
 from rona_ui.scene.path.path import EditLayer, footprint, point_at
-from rona_ui.scene.viser_nodes import DOTS_MM, SHADES, SceneNodes, dots_along, shades
+from rona_ui.scene.viser_nodes import SceneNodes
 from tests.helpers.ui.fake_gui import FakeClient, FakeGui
 
 FILE = Path(__file__).parents[3] / "sessions" / "path.rona"
@@ -404,7 +404,13 @@ def test_both_paths_stand_side_by_side_to_one_scale(smoothed) -> None:
 def drawn(session: Session, view: ViewState) -> dict[str, Any]:
     scene = FakeScene()
     nodes = SceneNodes(scene)
-    layers = (scene_path.PathLayer, scene_path.AxesLayer, scene_path.WarningsLayer, EditLayer)
+    layers = (
+        scene_path.PathLayer,
+        scene_path.SmoothLayer,
+        scene_path.AxesLayer,
+        scene_path.WarningsLayer,
+        EditLayer,
+    )
     for layer in layers:
         layer(nodes).render(None, snapshot(session, view))
     return scene.nodes
@@ -412,28 +418,25 @@ def drawn(session: Session, view: ViewState) -> dict[str, Any]:
 
 def test_the_demonstrated_path_is_coloured_by_its_deviation_in_step_6_only(smoothed) -> None:
     nodes = drawn(smoothed, SMOOTHING)
-    dots = nodes[scene_path.DEVIATION]
-    assert dots.visible
+    line = nodes[scene_path.DEVIATION]
+    assert line.visible
     assert not nodes[scene_path.RAW].visible
     view = path_view(smoothed)
-    np.testing.assert_array_equal(
-        dots.colors[0], viridis(view.from_raw_mm[:1] / view.tolerance_mm)[0]
-    )
-    assert len(np.unique(dots.colors, axis=0)) > 20
+    assert line.points.shape == line.colors.shape == (len(view.raw_base) - 1, 2, 3)
+    far = view.from_raw_mm > view.tolerance_mm / 2.0
+    assert (line.colors[far[:-1], 0, 2] < line.colors[~far[:-1], 0, 2].max()).all()  # no blue
+    assert len(np.unique(line.colors.reshape(-1, 3), axis=0)) > 20
     nodes = drawn(smoothed, ViewState(step="path"))
     assert nodes[scene_path.RAW].visible
     assert not nodes[scene_path.DEVIATION].visible
 
 
-def test_every_normal_is_drawn_in_the_shade_of_its_error(smoothed) -> None:
-    nodes, check = drawn(smoothed, SMOOTHING), check_path(smoothed)
-    held = shades(check.sigma_deg / check.tolerance_deg)
-    counts = {f"{scene_path.AXES}{s}": int((held == s).sum()) for s in range(SHADES)}
-    for name, count in counts.items():
-        assert (len(nodes[name].points) if name in nodes else 0) == count
-    assert sum(counts.values()) == len(check.sigma_deg)
-    edges = np.array([0.0, 0.24, 2.3, 180.0])
-    assert shades(edges / 2.0).tolist() == [0, 0, 7, 7]
+def test_every_axis_of_the_probe_is_drawn_off_the_bone_in_one_colour(smoothed) -> None:
+    axes, check = drawn(smoothed, SMOOTHING)[scene_path.AXES], check_path(smoothed)
+    assert len(axes.points) == len(check.sigma_deg)
+    assert axes.colors.shape == (3,)  # a scale of colours means the deviation here
+    out = axes.points[:, 1] - axes.points[:, 0]
+    np.testing.assert_allclose(out * 1000.0, scene_path.AXIS_MM * check.normals, atol=1e-3)
 
 
 def test_warned_places_are_marked_and_rest_while_the_bound_is_dragged(smoothed) -> None:
@@ -450,7 +453,7 @@ def test_the_point_that_is_held_and_the_boundary_are_drawn(smoothed) -> None:
     view = replace(holding(SMOOTHING, smoothed, 3), move_target=(600.0, 50.0, 390.0))
     nodes = drawn(smoothed, view)
     np.testing.assert_allclose(
-        nodes["/edit/grabbed"].points[0], corners(smoothed)[3] / 1000, atol=1e-6
+        nodes["/edit/grabbed"].points[0, 0], corners(smoothed)[3] / 1000, atol=1e-6
     )
     assert "/edit/place" in nodes
     assert "/edit/place" not in drawn(smoothed, SMOOTHING)
@@ -458,13 +461,3 @@ def test_the_point_that_is_held_and_the_boundary_are_drawn(smoothed) -> None:
     nodes = drawn(smoothed, ViewState(step="path", boundary=ring, center=ring[0]))
     assert len(nodes["/pattern/boundary"].points) == 3
     assert nodes["/pattern/center"].visible
-
-
-def test_dots_follow_the_path_evenly() -> None:
-    points = np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [10.0, 1.0, 0.0]])
-    places, values = dots_along(points, np.array([0.0, 1.0, 0.0]))
-    steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
-    assert steps.max() <= DOTS_MM + 1e-9
-    assert values.max() == pytest.approx(1.0, abs=0.05)
-    one, _ = dots_along(points[:1], np.zeros(1))
-    assert len(one) == 1
