@@ -156,9 +156,9 @@ def _replay(activity: StartReplay, session: Session, context: ActivityContext) -
 SESSION = declare.Step(
     "session",
     commands=(
-        declare.Command(RenameSession, _rename),
-        declare.Command(Undo),
-        declare.Command(Redo),
+        declare.Command(RenameSession, _rename, done="the session was renamed"),
+        declare.Command(Undo, done="the last change was undone"),
+        declare.Command(Redo, done="the change was done again"),
     ),
     activities=(declare.Activity(StartReplay, _replay, "Computing all results again"),),
 )

@@ -19,7 +19,7 @@ from rona_core.app.dependencies.references import (
 )
 from rona_core.app.dependencies.staleness import capture_input, result_input
 from rona_core.app.steps.pointer.derivation import POINTER
-from rona_core.app.steps.setup.capture_parts import CHOOSE_REFERENCE, REGION, SKULL
+from rona_core.app.steps.setup.capture_parts import REGION, SKULL, reference_input
 from rona_core.app.steps.surface.messages import BuildSurface, StartSkullRegistration
 from rona_core.app.steps.tool.derivation import TOOL
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
@@ -43,7 +43,7 @@ Strokes = tuple[PointerCapture, ...]
 SURFACE_CAPTURE: Input[Strokes] = capture_input("surface")
 SURFACE: Input[SurfaceCloud] = result_input("surface")
 # False where the tracker has moved and may not be found again; it counts for nothing else
-REFERENCE = Input(lambda s: found_again(s, s.captures.surface), CHOOSE_REFERENCE)
+REFERENCE = reference_input(lambda s: found_again(s, s.captures.surface))
 
 
 @inputs(
