@@ -296,7 +296,7 @@ def test_a_profile_brings_its_own_latency_until_one_is_typed() -> None:
     assert latency.value == pytest.approx(30.0)
     gui.find("number", "Rate (Hz)").happen(CLIENT)
     assert recorder.sent[-1].latency_ms == 30.0  # another field leaves it alone
-    profile.value = "Vega (0.12 mm RMS)"
+    profile.value = "NDI Polaris Vega (0.12 mm RMS)"
     profile.happen(CLIENT)
     assert recorder.sent[-1] == SetTracker("vega")
     panel.render(held, held_picture(profile="vega"))
@@ -396,6 +396,31 @@ def test_leaving_an_edit_lets_go_of_what_was_held(mode: Any) -> None:
         move_target=(1.0, 2.0, 3.0), dragged_boundary=(4, 5.0),
     )  # fmt: skip
     assert without_mode(held) == ViewState(step="smoothing")
+
+
+def test_the_log_is_in_sentences_with_the_labels_of_fields() -> None:
+    gui = FakeGui()
+    log = LogPanel(gui)
+    time_utc = "2026-01-01T00:00:00.000"
+    robot = {"model": "rx90", "errors": True, "base_shift_mm": [1.0, 2.0, 3.0]}
+    capture = {"kind": "scan", "capture": {"ordinal": 7, "digest": "abc"}, "append": False}
+    made = {"message": "StartMapping", "values": {"maps": {"digest": "abc"}}}
+    entries = (
+        LogEntry(1, "SetRobot", robot, time_utc),
+        LogEntry(2, "SetPointer", {"kind": "pointer6d"}, time_utc),
+        LogEntry(3, "StoreCapture", capture, time_utc),
+        LogEntry(4, "StoreResult", made, time_utc),
+    )
+    log.render(None, snapshot(Session(log=entries)))
+    shown = gui.html()
+    for words in (
+        "<b>The robot was changed</b> <span>Arm: Stäubli RX90, Simulate robot error: yes, "
+        "Base shift (mm): 1.0, 2.0, 3.0</span>",
+        "<b>The pointer was changed</b> <span>Pointer: 6D pointer</span>",
+        "<b>The scan was recorded</b> <span>recording 7</span>",
+        "<b>The maps were computed</b>",
+    ):
+        assert words in shown
 
 
 def test_refusals_stand_in_the_log_where_they_happened() -> None:

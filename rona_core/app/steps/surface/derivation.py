@@ -31,6 +31,7 @@ from rona_core.calibration.surface_registration import (
     register_surface,
 )
 from rona_core.devices.protocols import Cancel, Progress
+from rona_core.devices.settings import POINTERS
 from rona_core.errors import DegenerateGeometryError, StepBlockedError
 from rona_core.geometry.arrays import Floats, Vector3
 from rona_core.geometry.pose import Pose
@@ -99,8 +100,9 @@ def tip_of(pointer: PointerCalibration, capture: PointerCapture) -> Floats:
     """
     if pointer.pointer != capture.pointer:
         raise StepBlockedError(
-            f"the stroke was made with {capture.pointer}, but {pointer.pointer} is calibrated: "
-            f"calibrate {capture.pointer} or record the stroke again"
+            f"the stroke was made with the {POINTERS[capture.pointer]}, but the "
+            f"{POINTERS[pointer.pointer]} is calibrated: calibrate the other one, or record the "
+            "stroke again"
         )
     return capture.marker.Ts_tracker_marker @ pointer.tip_pointermarker
 
