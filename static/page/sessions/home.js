@@ -55,14 +55,13 @@ async function devices() {
   const rows = [["Tracker", "–"], ["Robot", "–"], ["Probe", "–"]];
   let words = "Devices belong to a session: open one.";
   if (session && program.state.origin) {
-    const held = (await trying(() => ask(`/sessions/${session.id}`)))?.setup.devices;
+    const held = (await trying(() => ask(`/sessions/${session.id}`)))?.setup;
     const { origin } = program.state;
     words = `${origin}: ${KINDS[origin] ?? ""}, of “${session.name}”.`;
     if (held) {
-      const [first, ...rest] = held.tracker.profile;
-      rows[0][1] = `${first.toUpperCase()}${rest.join("")}, ${held.tracker.rate_hz} Hz`;
-      rows[1][1] = held.robot.model.toUpperCase();
-      rows[2][1] = held.probe.name.replace(/(\d)MHz/, "$1 MHz");
+      rows[0][1] = `${held.titles.Tracker}, ${held.devices.tracker.rate_hz} Hz`;
+      rows[1][1] = held.titles.Robot;
+      rows[2][1] = held.titles.Probe;
     }
   } else if (session) {
     words = "The devices of the open session could not be built: see step 1.";
