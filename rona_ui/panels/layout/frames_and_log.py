@@ -30,19 +30,25 @@ class Refused:
 
 
 def refused(snapshot: Snapshot) -> str:
-    """Return the refusals as HTML; that of the active step stands in full until it is outdated."""
+    """Return the refusals as HTML.
+
+    That of the active step stands in full until it is outdated, the others in a list to be opened.
+    """
     refusals = snapshot.refusals
     if not refusals:
         return ""
     newest, here = refusals[-1], place_of(snapshot.view.step)
     of_now = newest.after == len(snapshot.session.log) and newest.where.startswith(here)
     full = style.note(f"✖ {newest.title}. {newest.body}", "warn") if of_now else ""
+    others = refusals[:-1] if of_now else refusals
+    if not others:
+        return full
     lines = "".join(
         f"<li><span>{escape(r.time_utc[11:19])} UTC, {escape(r.where or 'session')}</span><br>"
         f"<b>{escape(r.title)}</b>: {escape(r.body)}</li>"
-        for r in reversed(refusals)
+        for r in reversed(others)
     )
-    count = "1 message" if len(refusals) == 1 else f"{len(refusals)} messages"
+    count = "1 message" if len(others) == 1 else f"{len(others)} messages"
     title = f"{count}: what was not done, and why"
     return f'{full}<details class="r-refused"><summary>{title}</summary><ul>{lines}</ul></details>'
 

@@ -14,6 +14,7 @@ pytestmark = [pytest.mark.browser, pytest.mark.slow]
 NAME = "Bone <b>9</b> & co"  # would be markup if it were not escaped
 POST = """async ([path, body]) => (await fetch('/api/v1' + path, {method: 'POST',
   headers: {'Content-Type': 'application/json'}, body: JSON.stringify(body)})).json()"""
+DELETE = "async (path) => { await fetch('/api/v1' + path, {method: 'DELETE'}); }"
 CHANGES = "async () => (await import('/static/page/base.js')).program.state.session.changes"
 OLDER = """async () => {
   const { program } = await import('/static/page/base.js');
@@ -114,6 +115,7 @@ def test_of_a_damaged_file_the_last_good_copy_can_be_opened(
     page.locator("#leavekeep").get_by_text("Open the last good copy").click()
     wait_for(lambda: current(surgeon)["name"] == "older copy", "the copy")
     assert not current(surgeon)["saved"]
+    page.evaluate(DELETE, f"/sessions/{current(surgeon)['id']}")
     post(surgeon, f"/sessions/{before}/current")
     surgeon.come()
     path.unlink()
