@@ -144,6 +144,11 @@ def meaning(words: Mapping[str, Any]) -> str:
     return ". ".join(part[:1].upper() + part[1:] for part in said if part)
 
 
+def label_of_value(source: object, name: str) -> str:
+    """Return what people call the value of a choice that a dataclass holds."""
+    return limits_of(type(source))[name]["labels"][getattr(source, name)]
+
+
 def range_of(kind: Any, name: str) -> tuple[float, float]:
     """Return the smallest and the largest value that a field of a dataclass may have."""
     words = limits_of(kind)[name]

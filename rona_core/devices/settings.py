@@ -5,7 +5,7 @@ import unicodedata
 from dataclasses import dataclass, field, replace
 from typing import ClassVar, Literal
 
-from rona_core.devices.limits import choice, limited, number, require_limits, switch
+from rona_core.devices.limits import choice, label_of_value, limited, number, require_limits, switch
 from rona_core.devices.probes import PROBE_DATA
 from rona_core.devices.robots import ROBOTS
 
@@ -18,7 +18,15 @@ Excitation = Literal["pulse", "chirp"]
 PulseShape = Literal["resonant", "damped", "double", "ringing"]
 
 # Tracked rigid bodies, by name. New ones come last: each draws its noise after those before it.
-TOOLS = ("toolmarker", "pointer6d", "pointer5d", "basemarker", "sonopointer", "headmarker")
+POINTERS: dict[str, str] = {"pointer6d": "6D pointer", "pointer5d": "5D pointer"}
+TOOL_TITLES = {
+    "toolmarker": "tool marker",
+    **POINTERS,
+    "basemarker": "base marker",
+    "sonopointer": "SonoPointer",
+    "headmarker": "head marker",
+}
+TOOLS = tuple(TOOL_TITLES)
 SONO = "sonopointer"  # the ultrasound probe with a marker plate, held in the hand
 LATENCY_MS = {"vega": 14.0}  # of profiles that state one; the others deliver at once
 
@@ -67,9 +75,9 @@ class TrackerSettings:
         "polaris",
         "Tracker",
         {
-            "polaris": "Polaris (0.35 mm RMS)",
-            "spectra": "Spectra (0.25 mm RMS)",
-            "vega": "Vega (0.12 mm RMS)",
+            "polaris": "NDI Polaris (0.35 mm RMS)",
+            "spectra": "NDI Polaris Spectra (0.25 mm RMS)",
+            "vega": "NDI Polaris Vega (0.12 mm RMS)",
             "white035": "White noise 0.35 mm",
             "ideal": "Without noise",
         },
@@ -296,6 +304,16 @@ class DeviceSettings:
     pointer: PointerKind = choice(
         "pointer6d",
         "Pointer",
-        {"pointer6d": "6D", "pointer5d": "5D"},
+        POINTERS,
         "6D: rigid marker body with its full pose; 5D: markers along the shaft",
     )
+
+    def titles(self) -> dict[str, str]:
+        """Return what the devices are called, by "Robot", "Probe", "Tracker" and "Pointer"."""
+        excitation = label_of_value(self.probe, "excitation").lower()
+        return {
+            "Robot": label_of_value(self.robot, "model"),
+            "Probe": f"{label_of_value(self.probe, 'name')}, {excitation}",
+            "Tracker": label_of_value(self.tracker, "profile"),
+            "Pointer": label_of_value(self, "pointer"),
+        }

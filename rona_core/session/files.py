@@ -41,7 +41,7 @@ from rona_core.session.members import (
     used_bytes,
 )
 
-SUFFIX = ".rona"
+SUFFIX, BACKUP = ".rona", ".bak"
 NPY_VERSION = (1, 0)
 UNITS = {"length": "mm", "angle": "rad", "time": "s", "ultrasound_time": "us", "force": "N"}
 NAMING = "T_a_b is the pose of frame b in frame a; points_a are coordinates in frame a"
@@ -178,7 +178,12 @@ def _keep_backup(path: Path) -> None:
         os.link(path, link)
     except OSError:  # a file system without hard links
         shutil.copy2(path, link)
-    os.replace(link, path.with_name(path.name + ".bak"))
+    os.replace(link, backup_of(path))
+
+
+def backup_of(path: Path) -> Path:
+    """Return where the file that a session file replaced lies."""
+    return path.with_name(path.name + BACKUP)
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,7 +247,11 @@ def load_session(path: Path | str, name: str | None = None) -> Session:
 
 
 def load_identified(path: Path, name: str | None = None) -> tuple[Session, FileIdentity]:
-    """Read a session file; return its identity too; errors as in `load_session`."""
+    """Read a session file; return its identity too; errors as in `load_session`.
+
+    Of a file that cannot be read, the error has the name of its last good copy as ``backup``, where
+    there is one.
+    """
     if not path.is_file():
         raise NotFoundError(f"there is no session file {path}")
     name = path.name if name is None else name
@@ -253,7 +262,23 @@ def load_identified(path: Path, name: str | None = None) -> tuple[Session, FileI
         )
     stamp = stamp_of(path)  # first: what is written meanwhile has another one
     data = path.read_bytes()
-    return session_from_bytes(data, name), FileIdentity(digest_of(data), stamp)
+    try:
+        return session_from_bytes(data, name), FileIdentity(digest_of(data), stamp)
+    except SessionFormatError as error:
+        backup = backup_of(path)
+        if not _is_readable(backup):
+            raise
+        words = f"{error}. Its last good copy is {backup.name}"
+        raise SessionFormatError(words, backup=backup.name) from error
+
+
+def _is_readable(path: Path) -> bool:
+    """Return whether a session can be read from a file."""
+    try:
+        load_session(path)
+    except (RonaError, OSError):
+        return False
+    return True
 
 
 def session_from_bytes(data: bytes, name: str = "upload") -> Session:

@@ -146,10 +146,10 @@ def read_members(data: bytes, name: str) -> Members:
     try:
         if len(data) > MAX_FILE_BYTES:
             raise InvalidInputError(f"{name} is too large for a session file: {_mb(len(data))}")
-        with open_zip(data, f"{name} is not a readable session file") as archive:
+        with open_zip(data, f"{name}: the file is damaged") as archive:
             return _read(archive, name)
     except InvalidInputError as error:
-        raise SessionFormatError(f"{error}. Is there a .bak beside it?") from error
+        raise SessionFormatError(str(error)) from error
 
 
 def require_room(stored_bytes: int, used_bytes: int, texts: dict[str, int], name: str) -> None:
@@ -225,7 +225,9 @@ def _read(archive: zipfile.ZipFile, name: str) -> Members:
     manifest = _manifest(texts.pop(MANIFEST), name)
     digests, recipes = manifest["sha256"], manifest.get("packed", {})
     if set(digests) != {*infos, LOG} or not isinstance(recipes, dict):
-        raise SessionFormatError(f"{name}: its members are not the ones its manifest lists")
+        raise SessionFormatError(
+            f"{name}: the file is damaged: its members are not the ones its manifest lists"
+        )
     _check_digest(texts[LOG], LOG, digests, name)
     arrays: Arrays = {}
     left = MAX_STORED_BYTES
@@ -309,4 +311,6 @@ def _check_schema(schema: Any, version: str, name: str) -> None:
 
 def _check_digest(data: bytes, member: str, digests: dict[str, Any], name: str) -> None:
     if hashlib.sha256(data).hexdigest() != digests[member]:
-        raise SessionFormatError(f"{name}: {member} is damaged (its digest does not match)")
+        raise SessionFormatError(
+            f"{name}: the file is damaged: the digest of {member} does not match"
+        )

@@ -62,8 +62,18 @@ def problem(
     code: str | None = None,
     errors: Sequence[dict[str, str]] = (),
     headers: dict[str, str] | None = None,
+    backup: object = None,
 ) -> Response:
-    """Return a problem; ``errors`` name places in the body by JSON pointer."""
+    """Return a problem.
+
+    Args:
+        status: Of HTTP.
+        detail: What was expected, what came, what to do.
+        code: Of the error; None: that of the status.
+        errors: Places in the body by JSON pointer.
+        headers: Further ones.
+        backup: Name of the last good copy of a session file that cannot be read.
+    """
     usual, title = TITLES.get(status, ("error", "Something went wrong"))
     body: dict[str, Any] = {
         "type": "about:blank",
@@ -72,6 +82,8 @@ def problem(
         "code": code or usual,
         "detail": shortened(detail, LONGEST_DETAIL),
     }
+    if backup is not None:
+        body["backup"] = backup
     if errors:
         body["errors"] = list(errors[:MOST_ERRORS])
     text = json.dumps(body, ensure_ascii=True, allow_nan=False)
@@ -81,7 +93,7 @@ def problem(
 def problem_of(error: RonaError) -> Response:
     """Return the problem that stands for an error of the core."""
     status = next((code for kind, code in STATUS.items() if isinstance(error, kind)), 409)
-    return problem(status, str(error), code=error.code)
+    return problem(status, str(error), code=error.code, backup=error.data.get("backup"))
 
 
 def shortened(text: str, most: int) -> str:
@@ -188,6 +200,10 @@ SCHEMA: dict[str, Any] = {
         "status": {"type": "integer"},
         "code": {"type": "string", "description": "stable; the same in browser and terminal"},
         "detail": {"type": "string", "description": "what was expected, what came, what to do"},
+        "backup": {
+            "type": "string",
+            "description": "last good copy of a session file that cannot be read",
+        },
         "errors": {
             "type": "array",
             "items": {

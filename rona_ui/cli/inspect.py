@@ -5,6 +5,7 @@ import sys
 from typing import Any
 
 from rona_core.app.declarations.registry import REGISTRY
+from rona_core.app.dependencies.changes import done
 from rona_core.app.dependencies.judge import step_states
 from rona_core.session.files import load_session
 from rona_core.session.members import SCHEMA
@@ -36,11 +37,10 @@ def run(wanted: Any) -> int:
         f"seed {session.setup.seed}, revision {len(session.log)}, schema {SCHEMA}",
         *(f"  {step.number:>2} {step.title:<11} {step.state:<8} {step.reason}" for step in steps),
     ]
-    kinds = [
-        f"{c['ordinal']} {c['kind']}" + (" (partial)" if c["partial"] else "") for c in captures
-    ]
-    lines.append(f"captures: {', '.join(kinds) or 'none'}")
-    results = [name for name in REGISTRY.replayed if session.results.get(name) is not None]
-    lines.append(f"results: {', '.join(results) or 'none'}")
+    lines.append(f"devices: {', '.join(session.setup.devices.titles().values())}")
+    partial = sum(capture.partial for capture in session.archive)
+    stopped = f", {partial} of them stopped early" if partial else ""
+    lines.append(f"recordings: {len(captures) or 'none'}{stopped}")
+    lines += [f"  {done(name)}" for name in REGISTRY.replayed if session.results.get(name)]
     sys.stdout.write("\n".join(lines) + "\n")
     return 0

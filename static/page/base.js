@@ -29,9 +29,10 @@ export function say(text, bad = false, seconds = 6) {
 }
 
 export class Refused extends Error {
-  constructor(detail, code) {
+  constructor(detail, { code, backup } = {}) {
     super(detail);
     this.code = code;
+    this.backup = backup; // last good copy of a session file that cannot be read
   }
 }
 
@@ -47,7 +48,7 @@ export async function send(method, path, body) {
   if (answer.ok) return answer;
   let problem = {};
   try { problem = await answer.json(); } catch { /* no JSON: keep the number */ }
-  throw new Refused(problem.detail || `the server answered ${answer.status}`, problem.code);
+  throw new Refused(problem.detail || `the server answered ${answer.status}`, problem);
 }
 
 export async function ask(path) {

@@ -85,7 +85,7 @@ def test_it_becomes_stale_with_what_it_depends_on(bench):
     bench.dispatch(SetRobot(scan_speed_mm_per_s=10.0))
     assert stale_reason("capture toy", bench.session) is None
     assert stale_reason("toy line", bench.session) == (
-        "speed has changed since the toy line result was computed"
+        "the scan speed (step 1) was changed since the toy line was fitted"
     )
     assert toy_state(bench.session).state == "stale"
     bench.dispatch(FitToyLine())

@@ -129,6 +129,7 @@ class Command:
     handle: Callable[[Message, Session], Session] | None = None  # None: the store itself does it
     needs: tuple[Input[object], ...] = ()
     takes_stale: bool = False  # it looks itself at what is stale
+    done: str = ""  # what happened, as a clause for the log; "": as its results say
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,6 +179,7 @@ class Result:
     recompute: Callable[[Any, Arguments, Progress, Cancel], object] | None = None
     settings: tuple[str, ...] = ()  # fields of the message that it uses, of several results
     spared: bool = False  # left out where an input is missing, of several results
+    done: str = ""  # what happened, as a clause: "the maps were computed"
 
     @classmethod
     def of(
@@ -189,7 +191,7 @@ class Result:
         *,
         judged: Judge | None = None,
         settings: tuple[str, ...] = (),
-        recompute: Callable[[Any, Arguments, Progress, Cancel], object] | None = None,
+        done: str,
     ) -> "Result":
         """Declare a result by its derivation, from a class of inputs to the class of the result.
 
@@ -201,8 +203,29 @@ class Result:
         counted = input_parts(known).counted
         types = () if name in {part.name for part in fields(Results)} else (hints["return"],)
         return cls(
-            name, message, counted, wanted, judged, types, derive, known, recompute, settings
+            name,
+            message,
+            counted,
+            wanted,
+            judged,
+            types,
+            derive,
+            known,
+            settings=settings,
+            done=done,
         )
+
+
+@dataclass(frozen=True, slots=True)
+class SetupPart:
+    """A part of the set-up, or of what came before, that captures depend on."""
+
+    read: Callable[[Session], list[object]]  # the values that are digested
+    changed_by: tuple[str, ...]  # names of messages, results and captures ("capture scan")
+
+    def __call__(self, session: Session) -> list[object]:
+        """Return the values that are digested."""
+        return self.read(session)
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,7 +234,7 @@ class Capture:
 
     name: str
     wanted: str  # what to do to get it
-    setup: tuple[Callable[[Session], list[object]], ...]  # digested in this order
+    setup: tuple[SetupPart, ...]  # digested in this order
     after: Input[object] | None = None  # what it rests on
     # (session, recorded, append) -> what the session holds under the name; None: the recorded one
     place: Callable[[Session, Any, bool], object] | None = None
@@ -220,6 +243,7 @@ class Capture:
     # (before, after) -> after, without what belonged to the capture before
     stored: Callable[[Session, Session], Session] | None = None
     types: tuple[type, ...] = ()  # further classes a session file may hold below Captures.more
+    done: str = ""  # what happened, as a clause: "the scan was recorded"
 
     def placed(self, session: Session, recorded: Recorded, append: bool) -> object:
         """Return what the session holds under the name once ``recorded`` is stored."""

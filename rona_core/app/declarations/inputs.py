@@ -35,6 +35,8 @@ class Input(Generic[T_co]):
     takes_bad: bool = False  # a bad one will do, as long as ``read`` finds a value
     # what is digested where that is not the value: what is held, though it is not usable now
     counts: Callable[[Session], object] | None = None
+    title: str = ""  # "the scan speed (step 1)"; "": that of ``upstream`` or ``part``
+    part: str = ""  # the result or capture that is read, where it is not ``upstream``
 
     def counted(self, session: Session) -> object:
         """Return what is digested of it."""

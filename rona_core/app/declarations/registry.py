@@ -172,6 +172,14 @@ class Registry:
         shown = part.shown_in or step.part_of or step.name
         return shown if shown in self.step_names else None
 
+    def number_of(self, message: str) -> int | None:
+        """Return the number of the step that declares a command or outcome; None: of none."""
+        for step in self.steps:
+            if any(part.message.__name__ == message for part in (*step.commands, *step.outcomes)):
+                name = step.part_of or step.name
+                return self.step_names.index(name) + 1 if name in self.step_names else None
+        return None
+
     def parts_of(self, step: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Return the names of captures and of results that are listed with a step."""
         parts = [one for one in self.steps if step in (one.name, one.part_of)]

@@ -100,7 +100,7 @@ def require_inputs(message_type: type, session: Session) -> None:
     """Raise StepBlockedError if ``session`` lacks what the message needs, or has it stale."""
     found = blocked(message_type, session)
     if found is not None:
-        raise StepBlockedError(f"{message_type.__name__} is blocked: {found.reason}")
+        raise StepBlockedError(found.reason)
 
 
 def require_for(activity: Message, session: Session) -> None:

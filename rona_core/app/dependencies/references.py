@@ -161,15 +161,22 @@ def _registered(
     return None if tool is None else Registered(tool, place, use_base_marker, field)
 
 
-TRACKER_FIELD = Input(lambda s: error_field(s.setup.devices.tracker), "choose a tracker (step 1)")
+TRACKER_FIELD = Input(
+    lambda s: error_field(s.setup.devices.tracker),
+    "choose a tracker (step 1)",
+    title="the tracker (step 1)",
+)
 _BESIDE_TOOL = {
     "place of the tracker": Input(
         lambda s: None if s.captures.tool is None else s.captures.tool.tracker_place,
         "register the tool (step 2)",
         optional=True,
+        title="the place of the tracker (step 1)",
     ),
     "use of the base marker": Input(
-        lambda s: s.setup.use_base_marker, "choose the reference (step 1)"
+        lambda s: s.setup.use_base_marker,
+        "choose the reference (step 1)",
+        title="the use of the base marker (step 1)",
     ),
     "field of the tracker": TRACKER_FIELD,
 }
@@ -406,4 +413,10 @@ def head_input(*captures: str) -> Input[HeadReference]:
         tracks = [track for capture in watched for track in (capture.head, capture.base)]
         return (*registered, *first, *tracks)
 
-    return Input(head_of, "watch the head marker", optional=True, counts=recorded)
+    return Input(
+        head_of,
+        "watch the head marker",
+        optional=True,
+        counts=recorded,
+        title="the record of the head marker",
+    )

@@ -8,6 +8,13 @@ import numpy as np
 
 from rona_core.app.declarations.inputs import Input, Quantity, is_missing
 from rona_core.app.declarations.registry import REGISTRY
+from rona_core.app.dependencies.changes import (
+    CAPTURE,
+    done,
+    title,
+    what_changed,
+    what_changed_since,
+)
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.calibration.surface_registration import SurfaceRegistration
 from rona_core.devices.workcell import workcell_pose
@@ -33,7 +40,6 @@ from rona_core.session.memo import Memo
 from rona_core.session.specimen import LoadedSkull
 
 T = TypeVar("T")
-CAPTURE = "capture "  # before the name of a capture, where results are named too
 
 
 @cache
@@ -206,7 +212,7 @@ def input_digests(result: str, session: Session, message: str = "") -> dict[str,
     inputs = REGISTRY.result(result, message).inputs
     wanted = missing(tuple(inputs.values()), session)
     if wanted is not None:
-        raise StepBlockedError(f"{result} cannot be computed: first {wanted}")
+        raise StepBlockedError(f"first {wanted}")
     return {name: digest_of(item.counted(session)) for name, item in inputs.items()}
 
 
@@ -238,7 +244,9 @@ def _stale_reason(name: str, session: Session) -> str | None:
     derived = session.results.get(name)
     if derived is None:
         return None
-    for key, item in REGISTRY.result(name, derived.message).inputs.items():
+    items = REGISTRY.result(name, derived.message).inputs.items()
+    # what is itself made of recordings and results says less than those
+    for key, item in sorted(items, key=lambda one: bool(one[1].title and one[1].counts)):
         if item.upstream is not None and (reason := stale_reason(item.upstream, session)):
             return reason
         value = item.counted(session)
@@ -246,10 +254,12 @@ def _stale_reason(name: str, session: Session) -> str | None:
         if key not in derived.inputs:  # made by a version that did not know of it
             if nothing and item.optional:
                 continue
-            return f"the {name} result was computed without {key}: compute it again"
+            return f"{done(name, derived.message)} without {title(item)}: do it again"
         lost = nothing and not item.optional
         if lost or derived.inputs[key] != digest_of(value):
-            return f"{key} has changed since the {name} result was computed"
+            was_missing = derived.inputs[key] in (digest_of(None), digest_of(()))
+            words = what_changed(item, was_missing=was_missing, is_missing=nothing)
+            return f"{words} since {done(name, derived.message)}"
     return None
 
 
@@ -306,8 +316,9 @@ def _stale_capture(kind: str, session: Session) -> str | None:
     held = session.captures.get(kind)
     captures = held if isinstance(held, tuple) else (held,)
     present = capture_setup_digest(kind, session)
-    if any(_is_of_another(capture, present, session) for capture in captures):
-        return f"the set-up or plan has changed since the {kind} capture was taken"
+    for capture in captures:
+        if _is_of_another(capture, present, session):
+            return what_changed_since(kind, capture, session)
     after = REGISTRY.captures[kind].after
     if after is not None and after.upstream is not None and held is not None:
         return stale_reason(after.upstream, session)

@@ -93,7 +93,7 @@ def _warnings(states: tuple[StepState, ...]) -> list[str]:
 
 def _head(session: Session, origin: str | None, complete: bool) -> Html:
     """Return title, date and what was scanned with what."""
-    setup, devices = session.setup, session.setup.devices
+    setup = session.setup
     specimen = "skull from a file" if isinstance(setup.specimen, LoadedSkull) else "simulated skull"
     kind = "" if origin is None else f"{origin.lower()} devices"
     if origin == VIRTUAL:
@@ -102,11 +102,9 @@ def _head(session: Session, origin: str | None, complete: bool) -> Html:
         ("Begun", _utc(session.created_utc)),
         ("Last change", _utc(session.log[-1].time_utc) if session.log else "none"),
         ("Specimen", specimen),
+        ("Seed", setup.seed),
         ("Region", f"radius {setup.region.radius_mm:g} mm"),
-        ("Robot", devices.robot.model),
-        ("Probe", f"{devices.probe.name}, {devices.probe.excitation}"),
-        ("Tracker", devices.tracker.profile),
-        ("Pointer", devices.pointer),
+        *setup.devices.titles().items(),
         ("Devices", kind or "not known"),
         ("Status", "complete" if complete else "not complete, see below"),
     )
@@ -166,7 +164,6 @@ def _provenance(session: Session) -> Html:
         ("Program", f"RONA {__version__}"),
         ("File format", f"schema {SCHEMA}"),
         ("Session", session.id),
-        ("Seed", session.setup.seed),
         ("Revision", f"{len(session.log)} messages"),
         ("Recordings", len(session.archive)),
     ]

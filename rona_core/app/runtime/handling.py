@@ -7,6 +7,7 @@ from typing import TypeVar
 from rona_core.app.declarations.declarations import ActivityContext, Message, Perform, Result
 from rona_core.app.declarations.inputs import handed_items
 from rona_core.app.declarations.registry import REGISTRY
+from rona_core.app.dependencies.changes import title
 from rona_core.app.dependencies.judge import require_inputs
 from rona_core.app.dependencies.staleness import (
     CAPTURE,
@@ -198,12 +199,11 @@ def _store_result(message: StoreResult, session: Session) -> Session:
 
 
 def _require_unchanged(name: str, by: str, inputs: dict[str, str], session: Session) -> None:
-    now = input_digests(name, session, by)
-    changed = sorted(key for key in now if now[key] != inputs.get(key))
+    now, items = input_digests(name, session, by), REGISTRY.result(name, by).inputs
+    changed = [title(items[key]) for key in now if now[key] != inputs.get(key)]
     if changed:
         raise StaleResultError(
-            f"the {name} result is not stored: {', '.join(changed)} changed while it was computed; "
-            "start it again"
+            f"not stored: {' and '.join(changed)} changed meanwhile; start it again"
         )
 
 

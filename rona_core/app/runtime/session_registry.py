@@ -15,7 +15,7 @@ from rona_core.devices.limits import require
 from rona_core.devices.settings import hidden_characters
 from rona_core.errors import FileChangedError, InvalidInputError, NotFoundError
 from rona_core.session.document import Session, Setup
-from rona_core.session.files import FileIdentity, load_identified, load_session
+from rona_core.session.files import FileIdentity, backup_of, load_identified, load_session
 
 CURRENT = "current"  # alias for the session that the viewer shows
 MAX_OPEN = 16
@@ -146,6 +146,19 @@ class SessionRegistry:
         """
         path = self.files.folder / plain_name(file)
         return self._add(*_identified(path))
+
+    def open_backup(self, file: str) -> Workbench:
+        """Open what a file of the sessions folder replaced, as a copy that is not saved.
+
+        Args:
+            file: Plain name of the file that cannot be read.
+
+        Raises:
+            NotFoundError: there is no such copy.
+            SessionFormatError: it is damaged, too.
+        """
+        path = backup_of(self.files.folder / plain_name(file))
+        return self._add(load_session(path))
 
     def open_upload(self, path: Path, name: str) -> Workbench:
         """Open an uploaded session file that lies at ``path``; errors as in ``open_file``."""

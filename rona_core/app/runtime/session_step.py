@@ -6,6 +6,7 @@ from rona_core import __version__
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext
 from rona_core.app.declarations.registry import REGISTRY
+from rona_core.app.dependencies.changes import done
 from rona_core.app.dependencies.staleness import input_digests, stale_reason
 from rona_core.app.messages.message import Answer, message
 from rona_core.app.runtime.handling import derive_again
@@ -104,12 +105,12 @@ def _difference(name: str, version: str) -> str:
     if version != __version__:
         made = f"RONA {version}" if version else "an unknown version of RONA"
         return (
-            f"{made} made the {name} result, and RONA {__version__} computes another one: "
-            "compute it again to have all results of one version"
+            f"{done(name)} by {made}, and RONA {__version__} finds another value: do it again to "
+            "have all results of one version"
         )
     return (
-        f"RONA {__version__} made the {name} result and now computes another one: another "
-        "processor may round its last bits otherwise; else report it"
+        f"{done(name)} by RONA {__version__}, which now finds another value: another processor "
+        "may round its last bits otherwise; else report it"
     )
 
 
@@ -156,9 +157,9 @@ def _replay(activity: StartReplay, session: Session, context: ActivityContext) -
 SESSION = declare.Step(
     "session",
     commands=(
-        declare.Command(RenameSession, _rename),
-        declare.Command(Undo),
-        declare.Command(Redo),
+        declare.Command(RenameSession, _rename, done="the session was renamed"),
+        declare.Command(Undo, done="the last change was undone"),
+        declare.Command(Redo, done="the change was done again"),
     ),
     activities=(declare.Activity(StartReplay, _replay, "Computing all results again"),),
 )

@@ -20,6 +20,7 @@ MAX_FILE_BYTES = 512 * 1024**2
 MAX_DIRECTORY_BYTES = 4 * 1024**2  # of a zip: names and sizes of its members
 CHUNK = 1 << 20
 PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+START_OF_ZIP = b"PK\x03\x04"
 END_OF_ZIP, END_OF_ZIP_SIZE = b"PK\x05\x06", 22
 LOCATOR_64, LOCATOR_64_SIZE = b"PK\x06\x07", 20
 LONGEST_COMMENT = 65_536
@@ -135,7 +136,8 @@ def _directory_bytes(data: bytes) -> int:
     if not (data[end:].startswith(END_OF_ZIP) and data.endswith(b"\0\0")):
         end = data.rfind(END_OF_ZIP, max(0, end - LONGEST_COMMENT))
     if end < 0:
-        raise zipfile.BadZipFile("File is not a zip file")
+        part = "its end is missing" if data.startswith(START_OF_ZIP) else "it is no zip file"
+        raise zipfile.BadZipFile(part if data else "it is empty")
     if data[max(0, end - LOCATOR_64_SIZE) : end].startswith(LOCATOR_64):
         raise zipfile.BadZipFile("it is a zip for more than 4 GB, expected a plain one")
     return int.from_bytes(data[end + 12 : end + 16], "little")

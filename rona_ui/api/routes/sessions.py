@@ -62,10 +62,11 @@ class NewSession:
 
 @dataclass(frozen=True, slots=True)
 class FileToOpen:
-    """Name of a file in the sessions folder."""
+    """Name of a file in the sessions folder, and whether its last good copy is opened instead."""
 
     __pydantic_config__: ClassVar = STRICT
     file: str = limited(**SESSION_FILE)
+    backup: bool = False
 
     def __post_init__(self) -> None:
         require_limits(self)
@@ -119,8 +120,13 @@ def create_session(
 def open_session(
     hub: Sessions, response: Response, wanted: Annotated[FileToOpen, EXACT]
 ) -> SessionInfo:
-    """Open a file of the sessions folder; the viewer shows it."""
-    return _made(hub, hub.open_file(wanted.file), response)
+    """Open a file of the sessions folder; the viewer shows it.
+
+    Where a file is damaged, the problem names its last good copy as `backup`, if there is one;
+    `"backup": true` opens that, as a session that is not saved.
+    """
+    bench = hub.open_backup(wanted.file) if wanted.backup else hub.open_file(wanted.file)
+    return _made(hub, bench, response)
 
 
 @router.post("/sessions/demo", status_code=201)
@@ -156,6 +162,7 @@ def get_session(hub: Sessions, session_id: SessionId) -> dict[str, Any]:
             "specimen": _specimen(session.setup.specimen),
             "region": plain(session.setup.region),
             "devices": plain(session.setup.devices),
+            "titles": session.setup.devices.titles(),
         },
         "captures": [
             {"kind": type(capture).__name__, "ordinal": capture.ordinal, "partial": capture.partial}

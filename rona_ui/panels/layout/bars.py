@@ -64,7 +64,7 @@ class StepList:
 
 
 def judged_later(snapshot: Snapshot) -> frozenset[str]:
-    """Return the steps whose figures are being computed, so that nobody knows yet if they pass."""
+    """Return the steps whose figures are being computed: it is not known yet if they pass."""
     if not snapshot.computing:
         return frozenset()
     pending = pending_figures(snapshot.session, snapshot.judged)

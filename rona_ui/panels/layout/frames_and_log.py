@@ -5,9 +5,12 @@ from typing import Any
 
 from scipy.spatial.transform import Rotation
 
+from rona_core.app.declarations.registry import REGISTRY
+from rona_core.app.dependencies.changes import logged
 from rona_core.app.overview.frame_graph import FrameRow, frame_rows
+from rona_core.devices.limits import heading, limits_of
 from rona_core.session.document import LogEntry
-from rona_ui.labels import place_of
+from rona_ui.labels import label_of, place_of
 from rona_ui.panels.widgets import style
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.refusals import Refusal
@@ -27,25 +30,31 @@ class Refused:
 
 
 def refused(snapshot: Snapshot) -> str:
-    """Return the refusals as HTML; that of the active step stands in full until it is outdated."""
+    """Return the refusals as HTML.
+
+    That of the active step stands in full until it is outdated, the others in a list to be opened.
+    """
     refusals = snapshot.refusals
     if not refusals:
         return ""
     newest, here = refusals[-1], place_of(snapshot.view.step)
     of_now = newest.after == len(snapshot.session.log) and newest.where.startswith(here)
     full = style.note(f"✖ {newest.title}. {newest.body}", "warn") if of_now else ""
+    others = refusals[:-1] if of_now else refusals
+    if not others:
+        return full
     lines = "".join(
         f"<li><span>{escape(r.time_utc[11:19])} UTC, {escape(r.where or 'session')}</span><br>"
         f"<b>{escape(r.title)}</b>: {escape(r.body)}</li>"
-        for r in reversed(refusals)
+        for r in reversed(others)
     )
-    count = "1 message" if len(refusals) == 1 else f"{len(refusals)} messages"
+    count = "1 message" if len(others) == 1 else f"{len(others)} messages"
     title = f"{count}: what was not done, and why"
     return f'{full}<details class="r-refused"><summary>{title}</summary><ul>{lines}</ul></details>'
 
 
 NEWEST = 60
-ARGUMENT_CHARS = 160
+DETAIL_CHARS = 160
 NOTHING = "Nothing has happened yet."
 
 
@@ -119,12 +128,26 @@ class LogPanel:
 
 
 def _line(entry: LogEntry) -> str:
-    arguments = ", ".join(f"{name} {_short(value)}" for name, value in entry.arguments.items())
     when = entry.time_utc[11:19]
     return (
-        f"<div><span>{entry.number} · {escape(when)} UTC</span> <b>{escape(entry.message)}</b> "
-        f"<span>{escape(arguments[:ARGUMENT_CHARS])}</span></div>"
+        f"<div><span>{entry.number} · {escape(when)} UTC</span> <b>{escape(logged(entry))}</b> "
+        f"<span>{escape(_details(entry)[:DETAIL_CHARS])}</span></div>"
     )
+
+
+def _details(entry: LogEntry) -> str:
+    """Return the fields of a message by their labels; of a recording its number."""
+    kind = REGISTRY.messages.get(entry.message)
+    if kind is None:
+        held = entry.arguments.get("capture")
+        return f"recording {held['ordinal']}" if isinstance(held, dict) else ""
+    found: list[str] = []
+    for name, value in entry.arguments.items():
+        words = limits_of(kind).get(name, {})
+        label = heading(words) if "label" in words else label_of(name)
+        called = words.get("labels", {}).get(value, value) if isinstance(value, str) else value
+        found.append(f"{label}: {_short(called)}")
+    return ", ".join(found)
 
 
 def _refused(refusal: Refusal) -> str:
@@ -138,9 +161,13 @@ def _refused(refusal: Refusal) -> str:
 
 
 def _short(value: object) -> str:
-    if isinstance(value, dict):
-        return str(value.get("ordinal", value.get("digest", "")))[:10]
-    return f"{len(value)} values" if isinstance(value, list) and len(value) > 3 else str(value)
+    if value is None:
+        return "none"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, dict) or (isinstance(value, list) and len(value) > 3):
+        return f"{len(value)} values"
+    return ", ".join(map(_short, value)) if isinstance(value, list) else str(value)
 
 
 WIDTH = 340  # with room for a scroll bar at the right

@@ -92,13 +92,26 @@ export async function leaveFor(words, work) {
     if (answer === "cancel") return;
     if (answer === "save" && !await saveFile(session)) return;
   }
-  await work();
-  showSession();
+  if (await work() !== false) showSession();
+}
+
+// Open a file; where it is damaged, offer its last good copy. Return whether a session was opened.
+async function openOrCopy(file) {
+  try {
+    await send("POST", "/sessions/open", { file });
+  } catch (error) {
+    if (!error.backup) throw error;
+    const answer = await question(`“${file}” cannot be opened`,
+      `${error.message}. It is opened as a session that is not saved.`, { keep: "Open the last good copy" });
+    if (answer !== "keep") return false;
+    await send("POST", "/sessions/open", { file, backup: true });
+  }
+  return true;
 }
 
 export const openDemo = () => leaveFor("open the demo", () => send("POST", "/sessions/demo"));
 export const openNew = () => leaveFor("start a new session", () => send("POST", "/sessions", {}));
-export const openFile = (file) => leaveFor(`open ${file}`, () => send("POST", "/sessions/open", { file }));
+export const openFile = (file) => leaveFor(`open ${file}`, () => openOrCopy(file));
 export const showOpen = (id) => trying(async () => { await send("POST", `/sessions/${id}/current`); showSession(); });
 
 export function openUpload(file) {
@@ -169,7 +182,7 @@ function saveAs(suggested) {
       if (!["name_taken", "file_changed"].includes(error.code)) throw error;
       refused = wanted;
       $("namingdo").textContent = "Replace";
-      throw new Refused(`There is a file “${wanted}” already. Replace it? What was there stays beside it as .bak.`, error.code);
+      throw new Refused(`There is a file “${wanted}” already. Replace it? What was there stays beside it as .bak.`, error);
     }
   });
 }

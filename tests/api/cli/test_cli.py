@@ -200,7 +200,8 @@ def test_inspect_says_what_a_session_holds(capsys, tmp_path):
     assert f"seed 6, revision 0, schema {SCHEMA}" in out
     for title in ("Set-up", "Tool", "Pointer", "Surface", "Path", "Smoothing", "Roll", "Scan"):
         assert title in out
-    assert "captures: none" in out
+    assert "recordings: none" in out
+    assert "devices: Stäubli RX90, 2.25 MHz, chirp, NDI Polaris (0.35 mm RMS), 6D pointer" in out
     assert main(["inspect", "--json", str(file)]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert (facts["name"], facts["seed"], facts["schema"]) == ("my skull", 6, SCHEMA)

@@ -9,7 +9,8 @@ import pytest
 from rona_core import __version__
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.session.codec import digest
-from rona_core.session.files import load_session
+from rona_core.session.document import Session
+from rona_core.session.files import load_session, save_session
 from rona_ui.api.problems import TITLES
 from rona_ui.server import PREFIX, TAGS
 
@@ -317,6 +318,26 @@ def test_saving_downloading_and_opening_again(at, client, web):
 )
 def test_a_file_that_cannot_be_opened(client, body, status, code):
     assert refused(client.post("/sessions/open", json=body), status, code)
+
+
+def test_the_last_good_copy_of_a_damaged_file_is_named_and_can_be_opened(client, web):
+    path = web.folder / "hurt.rona"
+    save_session(Session(name="older"), path)
+    save_session(Session(name="newer"), path)
+    path.write_bytes(path.read_bytes()[:-100])
+    body = refused(client.post("/sessions/open", json={"file": "hurt.rona"}), 422, "session_format")
+    assert body["detail"].startswith("hurt.rona: the file is damaged: its end is missing")
+    assert body["backup"] == "hurt.rona.bak"
+    answer = client.post("/sessions/open", json={"file": "hurt.rona", "backup": True})
+    assert answer.status_code == 201
+    opened = answer.json()
+    assert (opened["name"], opened["saved"], opened["file"]) == ("older", False, None)
+    assert client.delete(f"/sessions/{opened['id']}").status_code == 204
+    (web.folder / "hurt.rona.bak").unlink()
+    body = refused(client.post("/sessions/open", json={"file": "hurt.rona"}), 422, "session_format")
+    assert "backup" not in body
+    wanted = {"file": "hurt.rona", "backup": True}
+    assert refused(client.post("/sessions/open", json=wanted), 404, "not_found")
 
 
 def test_a_damaged_upload_is_refused_and_nothing_opens(client, at):

@@ -50,6 +50,7 @@ RULES = {
     "StartSkullImport": (NAME, ["file", "inner_file", "center_mesh_mm"]),
     "StartRecordingImport": (NAME, ["file"]),
     "StartPivotImport": (NAME, ["files", "geometry"]),
+    "StartComparison": (NAME, ["file"]),
     "open": (NAME, ["file"]),
     "save": (NAME, ["file"]),
     "pose": (LENGTH, ["wxyz"]),

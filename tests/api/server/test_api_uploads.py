@@ -53,5 +53,5 @@ def test_an_uploaded_session_leaves_no_file_behind(client, web):
     assert answer.json()["name"] == "there"
     answer = client.post(upload, params={"name": "b.rona"}, content=data[:100])
     assert answer.status_code == 422
-    assert "b.rona is not a readable session file" in answer.json()["detail"]
+    assert "b.rona: the file is damaged: its end is missing" in answer.json()["detail"]
     assert not list(web.hub.files.uploads.glob(".upload.*"))

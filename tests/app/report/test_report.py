@@ -204,7 +204,7 @@ def test_stale_results_are_left_out_and_the_page_says_why(demo):
     assert not page.pictures
     assert "svg" not in page.used
     assert "Stale, and left out:" in page.text
-    assert "Stale, left out: the set-up or plan has changed" in page.text
+    assert "Stale, left out: the probe (step 1) was changed since the scan" in page.text
     assert "stale figures left out" in page.text
     assert "Outer boundary, RMS" not in [cells[0] for cells in page.rows]
     assert page.titles("b")[0] == "–"

@@ -24,7 +24,13 @@ from rona_core.session.document import Derived, Session
 
 SEED = Input(lambda s: s.setup.seed, "choose a seed")
 NAME = Input(lambda s: s.name or None, "name it", optional=True)
-HELD = Input(lambda s: s.id if s.id == "usable" else None, "", optional=True, counts=lambda s: s.id)
+HELD = Input(
+    lambda s: s.id if s.id == "usable" else None,
+    "",
+    optional=True,
+    counts=lambda s: s.id,
+    title="the thing held",
+)
 FIRST, SECOND = result_input("first half"), result_input("second half")
 TWICE = Quantity(lambda seed: 2.0 * seed, {"seed": SEED})
 BOTH = Quantity(lambda twice, name: (twice, name), {"twice": TWICE, "name": NAME})
@@ -95,9 +101,16 @@ STEP = declare.Step(
     activities=(declare.Activity(StartHalves, lambda *_: (), "Computing"),),
     captures=(declare.Capture("halves", "record it", ()),),
     results=(
-        declare.Result.of("first half", StartHalves, first_half, "first", settings=("slope",)),
-        replace(declare.Result.of("second half", StartHalves, second_half, "second"), spared=True),
-        declare.Result.of("last", StartHalves, last_half, "last", settings=("slope", "other")),
+        declare.Result.of(
+            "first half", StartHalves, first_half, "first", done="", settings=("slope",)
+        ),
+        replace(
+            declare.Result.of("second half", StartHalves, second_half, "second", done=""),
+            spared=True,
+        ),
+        declare.Result.of(
+            "last", StartHalves, last_half, "last", done="", settings=("slope", "other")
+        ),
     ),
 )
 
@@ -180,14 +193,16 @@ def test_what_is_held_counts_though_it_is_not_usable():
     def derive(known: Known, asked: StartHalves, *, progress: Progress, cancel: Cancel) -> Half:
         return Half(0.0 if known.held is None else 1.0)
 
-    declared = declare.Result.of("held", StartHalves, derive, "held")
+    declared = declare.Result.of("held", StartHalves, derive, "held", done="")
     with REGISTRY.with_step(declare.Step("holding", results=(declared,))):
         session = replace(Session(), id="bad")
         held = Derived(Half(0.0), "StartHalves", {}, input_digests("held", session))
         session = session.with_result("held", held)
         assert read_inputs(Known, session).held is None
         assert stale_reason("held", session) is None
-        assert "held has changed" in (stale_reason("held", replace(session, id="usable")) or "")
+        assert "the thing held was changed" in (
+            stale_reason("held", replace(session, id="usable")) or ""
+        )
 
 
 def test_a_class_of_inputs_that_contradicts_itself_is_refused():
@@ -235,4 +250,4 @@ def test_a_class_of_inputs_that_contradicts_itself_is_refused():
         return Half(1.0)
 
     with pytest.raises(InvalidInputError, match="takes a class of inputs"):
-        declare.Result.of("of a session", StartHalves, derive, "")
+        declare.Result.of("of a session", StartHalves, derive, "", done="")

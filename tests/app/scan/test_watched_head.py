@@ -145,7 +145,7 @@ def test_a_new_reference_makes_stale_what_rests_on_the_old_one(restless):
     assert stale_reason("path", bench.session) is None
     bench.run(STROKE)
     assert stale_reason("path", bench.session) == (
-        "head has changed since the path result was computed"
+        "the record of the head marker was changed since the scan path was computed"
     )
     assert stale_reason("detection", bench.session) is not None
     bench.close()

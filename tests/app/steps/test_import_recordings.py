@@ -149,7 +149,9 @@ def test_an_import_is_stale_only_for_another_pointer_and_has_no_truth(bench):
     assert stale_reason("pointer", bench.session) is None
     assert stale_reason("tool", bench.session) is not None
     bench.dispatch(SetPointer("pointer5d"))
-    assert "pointer capture" in stale_reason("pointer", bench.session)
+    assert stale_reason("pointer", bench.session) == (
+        "the pointer (step 1) was changed since the pivoting of the pointer was recorded"
+    )
 
 
 def test_imported_captures_are_saved_and_recomputed(bench, tmp_path):
@@ -228,17 +230,17 @@ def test_the_5d_pointer_takes_the_line_of_a_pivot(tmp_path):
 def test_exports_are_named_and_listed(measured):
     listed = recorded_captures(measured)
     assert listed == (
-        (1, "1: tool, toolmarker"),
-        (2, "2: pointer, pointer6d"),
-        (3, "3: surface, pointer6d"),
-        (4, "4: path, pointer6d"),
+        (1, "1: tool, tool marker"),
+        (2, "2: pointer, 6D pointer"),
+        (3, "3: surface, 6D pointer"),
+        (4, "4: path, 6D pointer"),
     )
     assert export_recording(measured, 2).name == "a_b_ü_2_pointer6d.igs.mha"
     for ordinal in (0, 9, -1):
         with pytest.raises(NotFoundError, match="captures with one are 1, 2, 3, 4"):
             export_recording(measured, ordinal)
     again = replace(measured, captures=type(measured.captures)())
-    assert recorded_captures(again)[1] == (2, "2: earlier, pointer6d")
+    assert recorded_captures(again)[1] == (2, "2: earlier, 6D pointer")
 
 
 def test_plain_names_only():

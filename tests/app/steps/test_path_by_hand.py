@@ -153,7 +153,7 @@ def test_without_its_changes_a_smoothing_does_not_come_out_the_same(smoothed):
     bare = replace(changed, path_edits=smoothed.path_edits)
     assert (
         stale_reason("smoothing", bare)
-        == "edits has changed since the smoothing result was computed"
+        == "the editing of the path (step 6) was changed since the scan path was smoothed"
     )
     cleared = handle(ClearPathEdits(), changed)
     assert digest(cleared.results.smoothing.value) == digest(smoothed.results.smoothing.value)

@@ -236,6 +236,8 @@ def test_what_was_detected_without_the_places_counts_no_more(measured):
         older = replace(made, inputs=known)  # as it was written before
         session = bench.session
         session = replace(session, results=replace(session.results, sono_detection=older))
-        assert "without calibration: compute it again" in stale_reason("sono_detection", session)
+        assert "without the calibration of the SonoPointer (step 9): do it again" in stale_reason(
+            "sono_detection", session
+        )
     finally:
         bench.close()

@@ -57,8 +57,16 @@ STEP = declare.Step(
             StartToyCapture, record("toy", capture, FitToyLine), "Reading the toy", makes=("toy",)
         ),
     ),
-    captures=(declare.Capture("toy", "read the toy", (parts.robot,), types=(ToyCapture,)),),
-    results=(declare.Result.of("toy line", FitToyLine, derive, "fit the toy line"),),
+    captures=(
+        declare.Capture(
+            "toy", "read the toy", (parts.robot,), types=(ToyCapture,), done="the toy was read"
+        ),
+    ),
+    results=(
+        declare.Result.of(
+            "toy line", FitToyLine, derive, "fit the toy line", done="the toy line was fitted"
+        ),
+    ),
     line=declare.StepLine(
         "Toy",
         lambda session: "" if session.results.get("toy line") is None else "a line",

@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 import zipfile
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -117,6 +118,48 @@ def test_the_last_good_file_is_kept(tmp_path):
     assert load_session(path).name == "second"
     assert session_from_bytes((tmp_path / "one.rona.bak").read_bytes()).name == "ä <b>"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["one.rona", "one.rona.bak"]
+
+
+def flipped(data):
+    place = len(data) // 2
+    return data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :]
+
+
+DAMAGE = {
+    "truncated": (lambda data: data[:-100], "its end is missing"),
+    "a flipped bit": (flipped, ""),
+    "empty": (lambda data: b"", "it is empty"),
+    "no zip": (lambda data: b"not a session" * 20, "it is no zip file"),
+}
+
+
+@pytest.mark.parametrize(("damage", "why"), DAMAGE.values(), ids=list(DAMAGE))
+def test_a_damaged_file_says_so_and_names_its_last_good_copy(tmp_path, damage, why):
+    path = tmp_path / "one.rona"
+    save_session(session(), path)
+    path.write_bytes(damage(path.read_bytes()))
+    with pytest.raises(SessionFormatError) as alone:
+        load_session(path)
+    assert str(alone.value).startswith(f"one.rona: the file is damaged: {why}")
+    assert ".bak" not in str(alone.value)
+    assert "backup" not in alone.value.data
+    backup = tmp_path / "one.rona.bak"
+    backup.write_bytes(session_bytes(session()))
+    with pytest.raises(SessionFormatError, match=r"Its last good copy is one\.rona\.bak") as copied:
+        load_session(path)
+    assert copied.value.data["backup"] == "one.rona.bak"
+    backup.write_bytes(damage(backup.read_bytes()))  # no good one
+    with pytest.raises(SessionFormatError) as neither:
+        load_session(path)
+    assert "backup" not in neither.value.data
+
+
+def test_every_flipped_bit_of_a_file_is_found_or_does_no_harm():
+    data, original = session_bytes(session()), digest(session())
+    for place in range(0, len(data), 997):
+        changed = data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :]
+        with suppress(SessionFormatError):
+            assert digest(session_from_bytes(changed)) == original
 
 
 def test_a_crash_while_writing_leaves_the_old_file(tmp_path, monkeypatch):

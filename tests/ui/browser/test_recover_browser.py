@@ -14,6 +14,7 @@ pytestmark = [pytest.mark.browser, pytest.mark.slow]
 NAME = "Bone <b>9</b> & co"  # would be markup if it were not escaped
 POST = """async ([path, body]) => (await fetch('/api/v1' + path, {method: 'POST',
   headers: {'Content-Type': 'application/json'}, body: JSON.stringify(body)})).json()"""
+DELETE = "async (path) => { await fetch('/api/v1' + path, {method: 'DELETE'}); }"
 CHANGES = "async () => (await import('/static/page/base.js')).program.state.session.changes"
 OLDER = """async () => {
   const { program } = await import('/static/page/base.js');
@@ -90,6 +91,34 @@ def test_work_that_was_killed_is_offered_and_comes_back_whole(
     assert "recovered, not saved" in surgeon.saved()
     surgeon.wait_state("Pointer", "done")
     surgeon.picture("recovered")
+
+
+def test_of_a_damaged_file_the_last_good_copy_can_be_opened(
+    surgeon: Surgeon, program: Program
+) -> None:
+    page = surgeon.page
+    path = program.sessions / "hurt.rona"
+    save_session(Session(name="older copy"), path)
+    save_session(Session(name="newer"), path)
+    path.write_bytes(path.read_bytes()[:-100])
+    before = current(surgeon)["id"]
+    surgeon.menu("sessionbutton", "Open…")
+    page.locator("#homefiles .card").filter(has_text="hurt").click()
+    page.locator("#leavekeep").click()  # the present session is not saved
+    page.locator("#leavetext").get_by_text("the file is damaged: its end is missing").wait_for()
+    surgeon.picture("damaged_file")
+    page.locator("#leavecancel").click()
+    assert page.locator("#homefiles").is_visible()
+    assert current(surgeon)["id"] == before
+    page.locator("#homefiles .card").filter(has_text="hurt").click()
+    page.locator("#leavekeep").click()
+    page.locator("#leavekeep").get_by_text("Open the last good copy").click()
+    wait_for(lambda: current(surgeon)["name"] == "older copy", "the copy")
+    assert not current(surgeon)["saved"]
+    page.evaluate(DELETE, f"/sessions/{current(surgeon)['id']}")
+    post(surgeon, f"/sessions/{before}/current")
+    surgeon.come()
+    path.unlink()
 
 
 def test_work_that_is_not_saved_does_not_go_out_of_sight_without_a_question(

@@ -49,7 +49,7 @@ def test_it_is_hidden_without_maps_and_says_why_stale_ones_are_not_exported(demo
         bench.close()
     assert folder.visible
     assert button.disabled
-    assert "Not exported: the set-up or plan has changed" in gui.html()
+    assert "Not exported: the probe (step 1) was changed since the scan was recorded" in gui.html()
 
 
 def test_the_browser_is_sent_the_file(demo):

@@ -21,9 +21,10 @@ from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.devices.live import LiveState
 from rona_core.devices.settings import TrackerPlace, TrackerSettings
 from rona_core.session.document import LogEntry, Session
+from rona_ui.labels import place_of
 from rona_ui.panels.layout.bars import RunBar, StepList, StepTitle
 from rona_ui.panels.layout.docks import STEP_PANELS
-from rona_ui.panels.layout.frames_and_log import LogPanel
+from rona_ui.panels.layout.frames_and_log import LogPanel, refused
 from rona_ui.panels.layout.quality import QualityPanel
 from rona_ui.panels.maps.maps import second_pass_words as second_words
 from rona_ui.panels.pointer import PointerPanel
@@ -296,7 +297,7 @@ def test_a_profile_brings_its_own_latency_until_one_is_typed() -> None:
     assert latency.value == pytest.approx(30.0)
     gui.find("number", "Rate (Hz)").happen(CLIENT)
     assert recorder.sent[-1].latency_ms == 30.0  # another field leaves it alone
-    profile.value = "Vega (0.12 mm RMS)"
+    profile.value = "NDI Polaris Vega (0.12 mm RMS)"
     profile.happen(CLIENT)
     assert recorder.sent[-1] == SetTracker("vega")
     panel.render(held, held_picture(profile="vega"))
@@ -396,6 +397,47 @@ def test_leaving_an_edit_lets_go_of_what_was_held(mode: Any) -> None:
         move_target=(1.0, 2.0, 3.0), dragged_boundary=(4, 5.0),
     )  # fmt: skip
     assert without_mode(held) == ViewState(step="smoothing")
+
+
+def test_the_log_is_in_sentences_with_the_labels_of_fields() -> None:
+    gui = FakeGui()
+    log = LogPanel(gui)
+    time_utc = "2026-01-01T00:00:00.000"
+    robot = {"model": "rx90", "errors": True, "base_shift_mm": [1.0, 2.0, 3.0]}
+    capture = {"kind": "scan", "capture": {"ordinal": 7, "digest": "abc"}, "append": False}
+    made = {"message": "StartMapping", "values": {"maps": {"digest": "abc"}}}
+    entries = (
+        LogEntry(1, "SetRobot", robot, time_utc),
+        LogEntry(2, "SetPointer", {"kind": "pointer6d"}, time_utc),
+        LogEntry(3, "StoreCapture", capture, time_utc),
+        LogEntry(4, "StoreResult", made, time_utc),
+    )
+    log.render(None, snapshot(Session(log=entries)))
+    shown = gui.html()
+    for words in (
+        "<b>The robot was changed</b> <span>Arm: Stäubli RX90, Simulate robot error: yes, "
+        "Base shift (mm): 1.0, 2.0, 3.0</span>",
+        "<b>The pointer was changed</b> <span>Pointer: 6D pointer</span>",
+        "<b>The scan was recorded</b> <span>recording 7</span>",
+        "<b>The maps were computed</b>",
+    ):
+        assert words in shown
+
+
+def test_a_refusal_that_stands_in_full_is_not_listed_again() -> None:
+    time_utc = "2026-01-01T10:20:30.000+00:00"
+    entry = LogEntry(1, "SetSeed", {"seed": 1}, time_utc)
+    one = Refusal(1, place_of("setup"), "Invalid value", "too large", time_utc)
+    older = Refusal(0, place_of("setup"), "Invalid value", "too small", time_utc)
+    now = snapshot(Session(log=(entry,)), view=ViewState(step="setup"), refusals=(one,))
+    assert refused(now).count("too large") == 1
+    assert "<details" not in refused(now)
+    both = refused(replace(now, refusals=(older, one)))
+    assert (both.count("too large"), both.count("too small")) == (1, 1)
+    assert "1 message: what was not done" in both
+    later = refused(replace(now, session=Session(log=(entry, entry))))
+    assert later.count("too large") == 1
+    assert "1 message" in later
 
 
 def test_refusals_stand_in_the_log_where_they_happened() -> None:

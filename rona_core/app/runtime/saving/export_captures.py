@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from rona_core.devices.files.poses.igs_mha import SUFFIX, write_igs_mha
 from rona_core.devices.recording import Recording
+from rona_core.devices.settings import TOOL_TITLES
 from rona_core.errors import NotFoundError
 from rona_core.session.captures import PointerCapture, ToolCapture
 from rona_core.session.document import Session
@@ -30,11 +31,14 @@ def recorded_captures(session: Session) -> tuple[tuple[int, str], ...]:
         )
         for capture in captures
     }
+    streams = [c for c in session.archive if isinstance(c, ToolCapture | PointerCapture)]
     return tuple(
-        (c.ordinal, f"{c.ordinal}: {in_use.get(id(c), 'earlier')}, {c.marker.tool}")
-        for c in session.archive
-        if isinstance(c, ToolCapture | PointerCapture)
+        (c.ordinal, f"{c.ordinal}: {in_use.get(id(c), 'earlier')}, {_tool(c)}") for c in streams
     )
+
+
+def _tool(capture: ToolCapture | PointerCapture) -> str:
+    return TOOL_TITLES.get(capture.marker.tool, capture.marker.tool)
 
 
 def export_recording(session: Session, ordinal: int) -> ExportedFile:

@@ -50,12 +50,13 @@ ANY_AGAIN: Input[Detection] = Input(
     "detect the boundaries",
     optional=True,
     counts=AGAIN.read,
+    part="second_detection",
 )
 KNOWN_LINE: Input[DelayLine] = Input(
-    lambda s: usable("line", s), "calibrate the delay line (step 1)", optional=True
+    lambda s: usable("line", s), "calibrate the delay line (step 1)", optional=True, part="line"
 )
 KNOWN_SPEED: Input[SpeedCalibration] = Input(
-    lambda s: usable("speed", s), "calibrate the speed (step 9)", optional=True
+    lambda s: usable("speed", s), "calibrate the speed (step 9)", optional=True, part="speed"
 )
 
 

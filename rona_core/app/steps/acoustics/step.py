@@ -24,6 +24,7 @@ from rona_core.app.steps.acoustics.derivation import (
 from rona_core.app.steps.scan.derivation import POSES, SCAN
 from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.setup.capture_parts import BLOCK_PROBE
+from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.errors import CancelledError, InvalidInputError, StepBlockedError
 from rona_core.geometry.arrays import Floats, readonly
 from rona_core.mapping.build_maps import boundary_points
@@ -84,9 +85,7 @@ def sweep_probes(
 ) -> tuple[Message, ...]:
     """Carry out `StartProbeSweep`."""
     if context.sweep is None:
-        raise StepBlockedError(
-            "StartProbeSweep is blocked: there are no virtual plates to try it on"
-        )
+        raise StepBlockedError("there are no virtual plates to try it on")
     grid = WhatIfGrid(
         probes=activity.probes,
         excitations=activity.excitations,
@@ -104,7 +103,7 @@ def add_reference_point(message: messages.AddReferencePoint, session: Session) -
     if message.scan is not None:
         detection = required(DETECTION, session)
         if stale_reason("detection", session) is not None:
-            raise StepBlockedError("AddReferencePoint is blocked: map the boundaries again first")
+            raise StepBlockedError("map the boundaries again first")
         require_point(detection, message.scan)
         place = entry_points(session, detection)[message.scan]
     held = _held(session)
@@ -176,8 +175,14 @@ def _held(session: Session) -> ReferenceCapture | None:
 STEP = declare.Step(
     "acoustics",
     commands=(
-        declare.Command(messages.AddReferencePoint, add_reference_point),
-        declare.Command(messages.RemoveReferencePoint, remove_reference_point),
+        declare.Command(
+            messages.AddReferencePoint, add_reference_point, done="a reference point was added"
+        ),
+        declare.Command(
+            messages.RemoveReferencePoint,
+            remove_reference_point,
+            done="the reference points were removed",
+        ),
         declare.Command(
             messages.CalibrateSoundSpeed, compute_result, needs=(REFERENCES, DETECTION)
         ),
@@ -207,13 +212,15 @@ STEP = declare.Step(
         declare.Capture(
             "block",
             "take A-scans on the block (step 1)",
-            (parts.of_input(BLOCK_PROBE), parts.BLOCK),
+            (parts.of_input(BLOCK_PROBE, SetProbe.__name__), parts.BLOCK),
+            done="the A-scans on the block were recorded",
         ),
         declare.Capture(
             "references",
             "measure reference points (step 9)",
             (parts.robot, parts.specimen),
             place=place_references,
+            done="the reference points were measured",
         ),
     ),
     results=(
@@ -225,6 +232,7 @@ STEP = declare.Step(
             judged=by_verdict(
                 Remedy("take A-scans on the block again (step 1)", messages.StartDelayLineCapture())
             ),
+            done="the calibration of the delay line was computed",
         ),
         declare.Result.of(
             "speed",
@@ -237,7 +245,14 @@ STEP = declare.Step(
                     messages.StartCaliperMeasurements(append=True),
                 )
             ),
+            done="the calibration of the speed of sound was computed",
         ),
-        declare.Result("what_if", messages.StartProbeSweep, {}, "compare probes (step 1)"),
+        declare.Result(
+            "what_if",
+            messages.StartProbeSweep,
+            {},
+            "compare probes (step 1)",
+            done="the probes were compared on plates",
+        ),
     ),
 )

@@ -62,7 +62,7 @@ def correct_boundary(message: CorrectBoundary, session: Session) -> Session:
         raise InvalidInputError(f"there are {n} A-scans, numbered from 0: not {message.number}")
     found = detection_of_scan(session, message.scan)
     if found is None:
-        raise StepBlockedError("CorrectBoundary is blocked: first map the boundaries (step 9)")
+        raise StepBlockedError("first map the boundaries (step 9)")
     if message.scan == "second" and edit.boundary == "outer":
         raise InvalidInputError(
             "the outer boundary of a further pass is that of the map of the first: correct it "

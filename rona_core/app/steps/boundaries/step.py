@@ -7,7 +7,11 @@ from rona_core.app.steps.boundaries.messages import ClearBoundaryCorrections, Co
 STEP = declare.Step(
     "boundaries",
     commands=(
-        declare.Command(CorrectBoundary, correct_boundary),
-        declare.Command(ClearBoundaryCorrections, clear_boundary_corrections),
+        declare.Command(CorrectBoundary, correct_boundary, done="a boundary was corrected by hand"),
+        declare.Command(
+            ClearBoundaryCorrections,
+            clear_boundary_corrections,
+            done="the corrections of boundaries were removed",
+        ),
     ),
 )

@@ -5,7 +5,7 @@ from rona_core.app.dependencies.references import ANY_REGISTERED, Registered, fo
 from rona_core.app.dependencies.staleness import capture_input, result_input
 from rona_core.app.steps.acoustics.derivation import HELD_PROBE, KNOWN_SPEED
 from rona_core.app.steps.handheld.places import delay_of, hand_poses, posed_scans
-from rona_core.app.steps.setup.capture_parts import CHOOSE_REFERENCE, HAND_PROBE, TRACKER_PROFILE
+from rona_core.app.steps.setup.capture_parts import HAND_PROBE, TRACKER_PROFILE, reference_input
 from rona_core.calibration.handheld.tracked_probe import SonoCalibration
 from rona_core.devices.samples import InterpolatedPoses
 from rona_core.devices.settings import ProbeSettings
@@ -23,9 +23,13 @@ SCAN: Input[SonoCapture] = capture_input("sono_scan")
 CALIBRATION: Input[SonoCalibration] = result_input("sono")
 DETECTION: Input[Detection] = result_input("sono_detection")
 ANY_SURFACE: Input[SurfaceCloud] = result_input("surface", optional=True)
-EDITS = Input(lambda s: s.boundary_edits.of("hand"), "scan by hand (step 9)")
+EDITS = Input(
+    lambda s: s.boundary_edits.of("hand"),
+    "scan by hand (step 9)",
+    title="the correction of boundaries by hand (step 9)",
+)
 # False where the tracker has moved and may not be found again; it counts for nothing else
-REFERENCE = Input(lambda s: found_again(s, (s.captures.sono_scan,)), CHOOSE_REFERENCE)
+REFERENCE = reference_input(lambda s: found_again(s, (s.captures.sono_scan,)))
 
 DELAY: Quantity[float] = Quantity(
     delay_of, {"tracker": TRACKER_PROFILE, "tool": result_input("tool", optional=True)}

@@ -134,13 +134,24 @@ STEP = declare.Step(
         ),
     ),
     captures=(
-        declare.Capture("sono_pivot", "pivot the SonoPointer (step 9)", (parts.tracker,)),
-        declare.Capture("sono_spin", "turn the SonoPointer about its axis", (parts.tracker,)),
+        declare.Capture(
+            "sono_pivot",
+            "pivot the SonoPointer (step 9)",
+            (parts.tracker,),
+            done="the pivoting of the SonoPointer was recorded",
+        ),
+        declare.Capture(
+            "sono_spin",
+            "turn the SonoPointer about its axis",
+            (parts.tracker,),
+            done="the turning of the SonoPointer was recorded",
+        ),
         declare.Capture(
             "sono_scan",
             "scan by hand (step 9)",
             (parts.tracker, parts.robot, parts.specimen, parts.bone_and_hand_probe, parts.HEAD),
             stored=_forget_corrections,
+            done="the scan by hand was recorded",
         ),
     ),
     results=(
@@ -155,6 +166,7 @@ STEP = declare.Step(
                 ),
                 used=True,
             ),
+            done="the calibration of the SonoPointer was computed",
         ),
         declare.Result.of(
             "sono_detection",
@@ -162,6 +174,7 @@ STEP = declare.Step(
             find_boundaries_by_hand,
             "map the scan by hand",
             settings=("method", "sound_speed_mm_per_us"),
+            done="the boundaries of the scan by hand were detected",
         ),
         declare.Result.of(
             "sono_maps",
@@ -169,6 +182,7 @@ STEP = declare.Step(
             map_scan_by_hand,
             "map the scan by hand",
             settings=("sound_speed_mm_per_us", "cell_mm"),
+            done="the maps of the scan by hand were computed",
         ),
     ),
     part_of="maps",

@@ -48,7 +48,7 @@ def find_bed_lines(
         raise CancelledError("cancelled")
     found = best_lines(hearing_around(known, draws), message.length_mm)
     if not len(found.rows_mm):
-        raise StepBlockedError("StartBedLines is blocked: no line over the bed lies in the maps")
+        raise StepBlockedError("no line over the bed lies in the maps")
     progress(0.95)
     lengths_mm = np.linalg.norm(found.rows_mm[:, 1] - found.rows_mm[:, 0], axis=1)
     return BedLines(

@@ -59,7 +59,7 @@ def rehearse_milling(
 ) -> tuple[Message, ...]:
     """Carry out `RehearseMilling`."""
     if context.rehearse is None:
-        raise StepBlockedError("RehearseMilling is blocked: there is no virtual bone to mill")
+        raise StepBlockedError("there is no virtual bone to mill")
     found = context.run(context.rehearse, strip_for_worker(session), activity)
     return computed(activity, {"rehearsal": found}, session)
 
@@ -172,10 +172,23 @@ STEP = declare.Step(
     ),
     exports=EXPORTS,
     results=(
-        declare.Result.of("bed", StartBedSearch, search_bed, WANTED, judged=judge_bed),
-        declare.Result.of("bed", PlaceBed, lay_bed, WANTED, judged=judge_bed),
         declare.Result.of(
-            "lines", StartBedLines, find_bed_lines, "find lines for the bed (step 10)"
+            "bed",
+            StartBedSearch,
+            search_bed,
+            WANTED,
+            judged=judge_bed,
+            done="the implant bed was placed",
+        ),
+        declare.Result.of(
+            "bed", PlaceBed, lay_bed, WANTED, judged=judge_bed, done="the implant bed was placed"
+        ),
+        declare.Result.of(
+            "lines",
+            StartBedLines,
+            find_bed_lines,
+            "find lines for the bed (step 10)",
+            done="the lines for the bed were found",
         ),
         declare.Result.of(
             "milling",
@@ -183,6 +196,7 @@ STEP = declare.Step(
             plan_bed_milling,
             "plan the milling (step 10)",
             judged=judge_milling,
+            done="the milling was planned",
         ),
         declare.Result(
             "rehearsal",
@@ -190,6 +204,7 @@ STEP = declare.Step(
             REHEARSED,
             "rehearse the milling (step 10)",
             types=(Rehearsal,),
+            done="the milling was rehearsed",
         ),
     ),
     line=declare.StepLine("Implant bed", _summary, StartBedSearch, leaves=lambda session: (BED,)),

@@ -41,12 +41,17 @@ from rona_core.ultrasound.probe.probe_model import probe_model
 MOST_DRAWS = 1000
 
 SONO_MAPS: Input[SonoMaps] = result_input("sono_maps")
-HELD_AGAIN: Input[Detection] = Input(AGAIN.read, "detect the boundaries", optional=True)
+HELD_AGAIN: Input[Detection] = Input(
+    AGAIN.read, "detect the boundaries", optional=True, part="second_detection"
+)
 SPEED_OF_MAPS: Input[SpeedCalibration] = Input(
-    speed_of_maps, "calibrate the speed (step 9)", optional=True
+    speed_of_maps, "calibrate the speed (step 9)", optional=True, part="speed"
 )
 SPEED_BY_HAND: Input[SpeedCalibration] = Input(
-    lambda s: speed_of_maps(s, hand=True), "calibrate the speed (step 9)", optional=True
+    lambda s: speed_of_maps(s, hand=True),
+    "calibrate the speed (step 9)",
+    optional=True,
+    part="speed",
 )
 
 
@@ -57,7 +62,7 @@ def _cloud_of_maps(session: Session) -> SurfaceCloud | None:
 
 
 CLOUD_OF_MAPS: Input[SurfaceCloud] = Input(
-    _cloud_of_maps, "sample the surface (step 4)", optional=True
+    _cloud_of_maps, "sample the surface (step 4)", optional=True, part="surface"
 )
 
 # maps never change, and every browser reads them

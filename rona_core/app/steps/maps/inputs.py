@@ -37,16 +37,33 @@ MAPS: Input[Maps] = result_input("maps")
 ROLL: Input[RobotPlan] = result_input("roll")
 SECOND: Input[SecondPass] = result_input("second")
 
-EDITS = Input(lambda s: s.boundary_edits.without("hand"), "scan (step 8)")
-FIRST_EDITS = Input(lambda s: s.boundary_edits.of("first"), "scan (step 8)")
-OUTER_EDITS = Input(lambda s: s.boundary_edits.of("first", "outer"), "scan (step 8)")
-FURTHER_EDITS = Input(lambda s: s.boundary_edits.of("second"), "scan (step 8)")
+EDITS = Input(
+    lambda s: s.boundary_edits.without("hand"),
+    "scan (step 8)",
+    title="the correction of boundaries by hand (step 9)",
+)
+FIRST_EDITS = Input(
+    lambda s: s.boundary_edits.of("first"),
+    "scan (step 8)",
+    title="the correction of boundaries by hand (step 9)",
+)
+OUTER_EDITS = Input(
+    lambda s: s.boundary_edits.of("first", "outer"),
+    "scan (step 8)",
+    title="the correction of boundaries by hand (step 9)",
+)
+FURTHER_EDITS = Input(
+    lambda s: s.boundary_edits.of("second"),
+    "scan (step 8)",
+    title="the correction of boundaries by hand (step 9)",
+)
 
 
 ANY_PLAN: Input[SecondPass] = Input(
     lambda s: None if stale_reason("second", s) else SECOND.read(s),
     "plan a further pass",
     optional=True,
+    part="second",
 )
 
 

@@ -93,7 +93,7 @@ STEP = declare.Step(
                 parts.robot_errors,
                 parts.specimen,
                 parts.bone_and_probe,
-                parts.of_input(SCAN),  # it goes along the path of that scan
+                parts.of_input(SCAN, "capture scan"),  # it goes along the path of that scan
                 parts.contact,
                 parts.CLAMPED_PROBE,
                 parts.HEAD,
@@ -103,6 +103,7 @@ STEP = declare.Step(
             judged=judge_passes,
             adds=True,
             stored=forget_corrections,
+            done="the tilted passes were scanned",
         ),
     ),
     exports=EXPORTS,
@@ -113,13 +114,17 @@ STEP = declare.Step(
             find_boundaries,
             "detect the boundaries (step 9)",
             settings=("method", "sound_speed_mm_per_us"),
+            done="the boundaries were detected",
         ),
-        declare.Result.of(
-            "second",
-            StartTiltPlan,
-            plan_tilts,
-            "plan the tilted passes (step 9)",
-            judged=judge_plan,
+        replace(
+            declare.Result.of(
+                "second",
+                StartTiltPlan,
+                plan_tilts,
+                "plan the tilted passes (step 9)",
+                judged=judge_plan,
+                done="the tilted passes were planned",
+            ),
             recompute=plan_tilts_again,
         ),
         replace(
@@ -129,6 +134,7 @@ STEP = declare.Step(
                 find_inner_boundary,
                 "detect the boundaries",
                 settings=("method", "sound_speed_mm_per_us"),
+                done="the boundaries of the tilted passes were detected",
             ),
             spared=True,
         ),
@@ -139,6 +145,7 @@ STEP = declare.Step(
             "compute the maps (step 9)",
             judged=judge_maps,
             settings=("sound_speed_mm_per_us", "cell_mm"),
+            done="the maps were computed",
         ),
     ),
     line=declare.StepLine(

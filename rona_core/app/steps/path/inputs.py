@@ -25,7 +25,7 @@ from rona_core.app.steps.path.messages import (
     StartPathCapture,
 )
 from rona_core.app.steps.pointer.derivation import POINTER
-from rona_core.app.steps.setup.capture_parts import CHOOSE_REFERENCE, RADIUS
+from rona_core.app.steps.setup.capture_parts import RADIUS, reference_input
 from rona_core.app.steps.surface.derivation import SURFACE, SURFACE_CAPTURE, Strokes
 from rona_core.calibration.handheld.pointer import PointerCalibration
 from rona_core.errors import InvalidInputError
@@ -43,7 +43,12 @@ CLEARANCE_MM = 1.5  # of what is planned, to what is to be avoided: smoothing ta
 HAND_MM = 1.0  # by which a hand that follows a line leaves it
 LOOK_MM = 0.5  # between places at which a line drawn by hand is looked at
 
-PAINTED = Input(lambda s: s.painted if len(s.painted) else None, "paint regions", optional=True)
+PAINTED = Input(
+    lambda s: s.painted if len(s.painted) else None,
+    "paint regions",
+    optional=True,
+    title="the painting of regions (step 5)",
+)
 
 
 def paint_region(message: PaintRegion, session: Session) -> Session:
@@ -145,7 +150,7 @@ def require_none_avoided(painted: PaintedRegions, points_base: Floats) -> None:
 PATH_CAPTURE: Input[PointerCapture] = capture_input("path")
 PATH: Input[RawPath] = result_input("path")
 SMOOTHING: Input[SmoothPath] = result_input("smoothing")
-REFERENCE = Input(lambda s: found_again(s, (s.captures.path,)), CHOOSE_REFERENCE)
+REFERENCE = reference_input(lambda s: found_again(s, (s.captures.path,)))
 
 
 def is_pattern(session: Session) -> bool:
@@ -155,7 +160,10 @@ def is_pattern(session: Session) -> bool:
 
 
 DEMONSTRATED: Input[PointerCapture] = Input(
-    lambda s: None if is_pattern(s) else s.captures.path, "demonstrate the path", optional=True
+    lambda s: None if is_pattern(s) else s.captures.path,
+    "demonstrate the path",
+    optional=True,
+    part="capture path",
 )
 
 

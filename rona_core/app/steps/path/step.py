@@ -240,20 +240,48 @@ STEP = declare.Step(
         declare.Command(messages.BuildPath, compute_path, needs=(PATH_CAPTURE, TOOL, POINTER)),
         declare.Command(messages.GenerateScanPattern, compute_path, needs=(SURFACE,)),
         declare.Command(
-            messages.MovePathPoint, change_path, needs=(SMOOTHING, SURFACE), takes_stale=True
+            messages.MovePathPoint,
+            change_path,
+            needs=(SMOOTHING, SURFACE),
+            takes_stale=True,
+            done="a point of the path was moved",
         ),
         declare.Command(
-            messages.InsertPathPoint, change_path, needs=(SMOOTHING, SURFACE), takes_stale=True
+            messages.InsertPathPoint,
+            change_path,
+            needs=(SMOOTHING, SURFACE),
+            takes_stale=True,
+            done="a point of the path was inserted",
         ),
         declare.Command(
-            messages.DeletePathPoint, change_path, needs=(SMOOTHING,), takes_stale=True
+            messages.DeletePathPoint,
+            change_path,
+            needs=(SMOOTHING,),
+            takes_stale=True,
+            done="a point of the path was deleted",
         ),
         declare.Command(
-            messages.PinPathSample, change_path, needs=(PATH, SURFACE), takes_stale=True
+            messages.PinPathSample,
+            change_path,
+            needs=(PATH, SURFACE),
+            takes_stale=True,
+            done="a sample of the path was pinned or released",
         ),
-        declare.Command(messages.ClearPathEdits, change_path),
-        declare.Command(messages.PaintRegion, paint_region, needs=(SURFACE,), takes_stale=True),
-        declare.Command(messages.ClearPaintedRegions, clear_painted),
+        declare.Command(
+            messages.ClearPathEdits,
+            change_path,
+            done="the changes of the path by hand were removed",
+        ),
+        declare.Command(
+            messages.PaintRegion,
+            paint_region,
+            needs=(SURFACE,),
+            takes_stale=True,
+            done="a region was painted",
+        ),
+        declare.Command(
+            messages.ClearPaintedRegions, clear_painted, done="the painted regions were cleared"
+        ),
     ),
     activities=(
         declare.Activity(
@@ -271,12 +299,23 @@ STEP = declare.Step(
             "path",
             "demonstrate the scan path (step 5)",
             (parts.tracker, parts.robot, parts.pointer, parts.specimen, parts.HEAD),
+            done="the scan path was demonstrated",
         ),
     ),
     results=(
-        declare.Result.of("path", messages.BuildPath, map_path, "demonstrate the path (step 5)"),
         declare.Result.of(
-            "path", messages.GenerateScanPattern, draw_pattern, "demonstrate the path (step 5)"
+            "path",
+            messages.BuildPath,
+            map_path,
+            "demonstrate the path (step 5)",
+            done="the scan path was computed",
+        ),
+        declare.Result.of(
+            "path",
+            messages.GenerateScanPattern,
+            draw_pattern,
+            "demonstrate the path (step 5)",
+            done="the pattern of the scan path was drawn",
         ),
     ),
     line=declare.StepLine(

@@ -162,6 +162,7 @@ _OF_TOOL: Input[ToolCapture] = Input(
     lambda s: s.captures.tool if made_of(s.results.tool, "capture", s.captures.tool) else None,
     "register the tool (step 2)",
     optional=True,
+    part="capture tool",
 )
 _OF_POINTER: Input[PointerCapture] = Input(
     lambda s: (
@@ -169,6 +170,7 @@ _OF_POINTER: Input[PointerCapture] = Input(
     ),
     "calibrate the pointer (step 3)",
     optional=True,
+    part="capture pointer",
 )
 EVIDENCE: Quantity[Evidence] = Quantity(
     Evidence,

@@ -44,7 +44,7 @@ def exclude_poses(message: ExcludePoses, session: Session) -> Session:
     derived = session.results.get(message.step)
     kind = {"tool": RegisterTool, "pointer": CalibratePointer}[message.step]
     if derived is None:
-        raise StepBlockedError(f"ExcludePoses is blocked: first calibrate (step {message.step})")
+        raise StepBlockedError(f"first calibrate (step {message.step})")
     rows = tuple(sorted(message.indices))
     arguments = {**derived.arguments, "exclude": list(rows)}
     return compute_result(message_from(kind.__name__, arguments), session)
@@ -62,7 +62,9 @@ STEP = declare.Step(
     "pointer",
     commands=(
         declare.Command(CalibratePointer, compute_result, needs=(POINTER_CAPTURE,)),
-        declare.Command(ExcludePoses, exclude_poses),
+        declare.Command(
+            ExcludePoses, exclude_poses, done="the poses of a calibration were chosen by hand"
+        ),
     ),
     activities=(
         declare.Activity(
@@ -77,6 +79,7 @@ STEP = declare.Step(
             "pointer",
             "record the pivoting of the pointer (step 3)",
             (parts.tracker, parts.pointer),
+            done="the pivoting of the pointer was recorded",
         ),
     ),
     results=(
@@ -88,6 +91,7 @@ STEP = declare.Step(
             judged=by_verdict(
                 Remedy("pivot the pointer again (step 3)", StartPointerCapture()), used=True
             ),
+            done="the calibration of the pointer was computed",
         ),
     ),
     line=declare.StepLine(

@@ -39,7 +39,12 @@ def _own_rolls(session: Session) -> StartRollSearch | None:
 
 
 # None of the rolls that are searched by default: older results have no such input
-OWN_ROLLS = Input(_own_rolls, "search the roll (step 7)", optional=True)
+OWN_ROLLS = Input(
+    _own_rolls,
+    "search the roll (step 7)",
+    optional=True,
+    title="the setting of the roll search (step 7)",
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -172,9 +172,15 @@ def choose_roll(message: messages.ChooseRoll, session: Session) -> Session:
 STEP = declare.Step(
     "roll",
     commands=(
-        declare.Command(messages.ChooseRoll, choose_roll, needs=(ROLL,)),
         declare.Command(
-            messages.ApplyBasePlacement, apply_base_placement, needs=(PLACEMENT,), takes_stale=True
+            messages.ChooseRoll, choose_roll, needs=(ROLL,), done="the roll was chosen"
+        ),
+        declare.Command(
+            messages.ApplyBasePlacement,
+            apply_base_placement,
+            needs=(PLACEMENT,),
+            takes_stale=True,
+            done="the base of the robot was moved",
         ),
     ),
     activities=(
@@ -196,21 +202,27 @@ STEP = declare.Step(
         ),
     ),
     results=(
-        declare.Result.of(
-            "roll",
-            messages.StartRollSearch,
-            plan_motion,
-            "plan the motion (step 7)",
-            judged=judge_plan,
+        replace(
+            declare.Result.of(
+                "roll",
+                messages.StartRollSearch,
+                plan_motion,
+                "plan the motion (step 7)",
+                judged=judge_plan,
+                done="the motion was planned",
+            ),
             recompute=plan_motion_again,
         ),
-        declare.Result.of(
-            "placement",
-            messages.StartBasePlacement,
-            find_places,
-            "look for a place of the base (step 7)",
+        replace(
+            declare.Result.of(
+                "placement",
+                messages.StartBasePlacement,
+                find_places,
+                "look for a place of the base (step 7)",
+                judged=judge_places,
+                done="the places of the base were found",
+            ),
             recompute=find_places_again,
-            judged=judge_places,
         ),
     ),
     line=declare.StepLine(

@@ -33,6 +33,7 @@ KNOWN_MOUNTING: Input[ProbeMounting] = Input(
     lambda s: usable("mounting", s),
     "calibrate the mounting (step 8)",
     optional=True,
+    part="mounting",
 )
 HEAD, HEAD_OF_ALL = head_input("scan"), head_input("scan", "second")
 

@@ -22,4 +22,5 @@ ANY_PASSES: Input[Passes] = Input(
     "scan with the probe tilted (step 9)",
     optional=True,
     counts=lambda s: s.captures.second,
+    part="capture second",
 )

@@ -38,6 +38,7 @@ from rona_core.app.steps.scan.quick_look import take_quick_look
 from rona_core.app.steps.scan.view import unwatched
 from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.setup.capture_parts import BLOCK_PROBE
+from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.app.steps.tool.robot_motion import FreeMoves, drive_to, same_place
 from rona_core.devices.samples import AScanTrack
 from rona_core.errors import CancelledError, StepBlockedError
@@ -125,7 +126,7 @@ def go_home(activity: StartHome, session: Session, context: ActivityContext) -> 
     """
     home_rad = robot_model(session.setup.devices.robot.model).home_rad
     if same_place(_where_it_rests(session, context), home_rad):
-        raise StepBlockedError("StartHome is blocked: the robot is at home")
+        raise StepBlockedError("the robot is at home")
     drive_to(home_rad, session, context)
     return ()
 
@@ -204,30 +205,37 @@ STEP = declare.Step(
                 parts.robot_errors,
                 parts.specimen,
                 parts.bone_and_probe,
-                parts.of_input(ROLL),
+                parts.of_input(ROLL, "roll", "ChooseRoll"),
                 parts.contact,
                 parts.CLAMPED_PROBE,
                 parts.HEAD,
             ),
             after=ROLL,
             stored=_forget_corrections,
+            done="the scan was recorded",
         ),
         declare.Capture(
             "gauge",
             "press the probe on the gauge plate (step 8)",
-            (parts.of_input(BLOCK_PROBE), parts.BLOCK, parts.CLAMPED_PROBE),
+            (parts.of_input(BLOCK_PROBE, SetProbe.__name__), parts.BLOCK, parts.CLAMPED_PROBE),
             types=(GaugeCapture,),
+            done="the A-scans on the gauge plate were recorded",
         ),
         declare.Capture(
             "looks",
             "take a quick look with each probe (step 8)",
             (parts.specimen, parts.bone_and_looks),
             types=(LookCapture,),
+            done="the quick look was taken",
         ),
     ),
     results=(
         declare.Result.of(
-            "quick_look", StartQuickLook, compare_probes, "compare the probes (step 8)"
+            "quick_look",
+            StartQuickLook,
+            compare_probes,
+            "compare the probes (step 8)",
+            done="the comparison of the probes was computed",
         ),
         declare.Result.of(
             "mounting",
@@ -239,6 +247,7 @@ STEP = declare.Step(
                     "press the probe on the gauge plate again (step 8)", StartProbeMountingCapture()
                 )
             ),
+            done="the calibration of the probe mounting was computed",
         ),
     ),
     line=declare.StepLine(

@@ -1,12 +1,12 @@
 """Messages of the set-up."""
 
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass
 
 from rona_core.app.messages.message import Point, message
 from rona_core.app.runtime.saving.session_files import FILE_NAME, plain_name
-from rona_core.devices.limits import like, limited, number, switch
+from rona_core.devices.limits import choice, like, limited, number, switch
 from rona_core.devices.settings import (
-    TOOLS,
+    TOOL_TITLES,
     ContactSettings,
     DeviceSettings,
     PointerKind,
@@ -92,7 +92,7 @@ class SetUseBaseMarker:
 class SetToolVisible:
     """Cover a tracked tool up, or uncover it."""
 
-    tool: str = limited(enum=TOOLS)
+    tool: str = choice(MISSING, "Tool", TOOL_TITLES)
     visible: bool = limited()
 
 

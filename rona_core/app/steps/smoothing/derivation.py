@@ -27,7 +27,9 @@ from rona_core.path.zones import PaintedRegions
 from rona_core.session.captures import PointerCapture
 from rona_core.session.document import RawPath, SmoothPath
 
-EDITS = Input(lambda s: s.path_edits, "smooth the path (step 6)")
+EDITS = Input(
+    lambda s: s.path_edits, "smooth the path (step 6)", title="the editing of the path (step 6)"
+)
 
 
 @inputs(

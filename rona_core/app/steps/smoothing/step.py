@@ -26,7 +26,13 @@ STEP = declare.Step(
     "smoothing",
     commands=(declare.Command(SmoothScanPath, compute_result, needs=(PATH, SURFACE)),),
     results=(
-        declare.Result.of("smoothing", SmoothScanPath, smooth_path, "smooth the path (step 6)"),
+        declare.Result.of(
+            "smoothing",
+            SmoothScanPath,
+            smooth_path,
+            "smooth the path (step 6)",
+            done="the scan path was smoothed",
+        ),
     ),
     line=declare.StepLine(
         "Smoothing", _summary, SmoothScanPath, leaves=lambda session: (SMOOTHING,)

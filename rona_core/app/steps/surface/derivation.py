@@ -19,7 +19,7 @@ from rona_core.app.dependencies.references import (
 )
 from rona_core.app.dependencies.staleness import capture_input, result_input
 from rona_core.app.steps.pointer.derivation import POINTER
-from rona_core.app.steps.setup.capture_parts import CHOOSE_REFERENCE, REGION, SKULL
+from rona_core.app.steps.setup.capture_parts import REGION, SKULL, reference_input
 from rona_core.app.steps.surface.messages import BuildSurface, StartSkullRegistration
 from rona_core.app.steps.tool.derivation import TOOL
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
@@ -31,6 +31,7 @@ from rona_core.calibration.surface_registration import (
     register_surface,
 )
 from rona_core.devices.protocols import Cancel, Progress
+from rona_core.devices.settings import POINTERS
 from rona_core.errors import DegenerateGeometryError, StepBlockedError
 from rona_core.geometry.arrays import Floats, Vector3
 from rona_core.geometry.pose import Pose
@@ -43,7 +44,7 @@ Strokes = tuple[PointerCapture, ...]
 SURFACE_CAPTURE: Input[Strokes] = capture_input("surface")
 SURFACE: Input[SurfaceCloud] = result_input("surface")
 # False where the tracker has moved and may not be found again; it counts for nothing else
-REFERENCE = Input(lambda s: found_again(s, s.captures.surface), CHOOSE_REFERENCE)
+REFERENCE = reference_input(lambda s: found_again(s, s.captures.surface))
 
 
 @inputs(
@@ -99,8 +100,9 @@ def tip_of(pointer: PointerCalibration, capture: PointerCapture) -> Floats:
     """
     if pointer.pointer != capture.pointer:
         raise StepBlockedError(
-            f"the stroke was made with {capture.pointer}, but {pointer.pointer} is calibrated: "
-            f"calibrate {capture.pointer} or record the stroke again"
+            f"the stroke was made with the {POINTERS[capture.pointer]}, but the "
+            f"{POINTERS[pointer.pointer]} is calibrated: calibrate the other one, or record the "
+            "stroke again"
         )
     return capture.marker.Ts_tracker_marker @ pointer.tip_pointermarker
 

@@ -88,7 +88,9 @@ STEP = declare.Step(
         declare.Command(
             messages.BuildSurface, compute_result, needs=(SURFACE_CAPTURE, TOOL, POINTER)
         ),
-        declare.Command(messages.ClearSurface, clear_surface),
+        declare.Command(
+            messages.ClearSurface, clear_surface, done="the strokes over the skull were removed"
+        ),
     ),
     activities=(
         declare.Activity(
@@ -113,11 +115,16 @@ STEP = declare.Step(
             "slide the pointer over the skull (step 4)",
             (parts.tracker, parts.robot, parts.pointer, parts.specimen, parts.HEAD),
             place=place_stroke,
+            done="the strokes over the skull were recorded",
         ),
     ),
     results=(
         declare.Result.of(
-            "surface", messages.BuildSurface, build_surface, "sample the surface (step 4)"
+            "surface",
+            messages.BuildSurface,
+            build_surface,
+            "sample the surface (step 4)",
+            done="the surface was computed",
         ),
         declare.Result.of(
             "registration",
@@ -125,6 +132,7 @@ STEP = declare.Step(
             register_skull,
             "register the skull (step 4)",
             judged=by_verdict(MORE_POINTS),
+            done="the registration of the skull was computed",
         ),
     ),
     line=declare.StepLine(

@@ -76,9 +76,7 @@ class FreeMoves:
             NotReachableError: there is no such motion, or the verifier refuses it.
         """
         if self.stands_clear(start_rad):
-            raise StepBlockedError(
-                "StartRetract is blocked: the probe stands clear of everything, move the robot"
-            )
+            raise StepBlockedError("the probe stands clear of everything, move the robot")
         return self._away(start_rad)
 
     def stands_clear(self, q_rad: Floats) -> bool:

@@ -75,6 +75,7 @@ STEP = declare.Step(
             "tool",
             "record the tool motion (step 2)",
             (parts.tracker, parts.robot, parts.robot_errors),
+            done="the motion of the tool was recorded",
         ),
     ),
     results=(
@@ -84,6 +85,7 @@ STEP = declare.Step(
             register,
             "register the tool (step 2)",
             judged=by_verdict(REGISTER_AGAIN, used=True),
+            done="the registration of the tool was computed",
         ),
     ),
     line=declare.StepLine(

@@ -13,7 +13,7 @@ from rona_core.session.captures import ToolCapture
 
 BURR_CAPTURE: Input[ToolCapture] = capture_input("burr")
 KNOWN_BURR: Input[BurrRegistration] = Input(
-    lambda s: usable("burr", s), "register the burr (step 10)", optional=True
+    lambda s: usable("burr", s), "register the burr (step 10)", optional=True, part="burr"
 )
 
 

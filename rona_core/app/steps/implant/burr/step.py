@@ -32,6 +32,7 @@ STEP = declare.Step(
             "turn the burr in its seat (step 10)",
             (parts.tracker, parts.robot, parts.robot_errors, parts.SPINDLE),
             types=(ToolCapture,),
+            done="the turning of the burr was recorded",
         ),
     ),
     results=(
@@ -43,6 +44,7 @@ STEP = declare.Step(
             judged=by_verdict(
                 Remedy("turn the burr in its seat again (step 10)", StartBurrCapture())
             ),
+            done="the registration of the burr was computed",
         ),
     ),
 )

@@ -11,7 +11,7 @@ from rona_core.app.dependencies.staleness import capture_input, capture_setup_di
 from rona_core.app.runtime.recording import capture_hand
 from rona_core.app.steps.pointer.derivation import EVIDENCE, POINTER, Evidence
 from rona_core.app.steps.scan.landmarks.messages import StartLandmarkCapture
-from rona_core.app.steps.setup.capture_parts import CHOOSE_REFERENCE
+from rona_core.app.steps.setup.capture_parts import reference_input
 from rona_core.app.steps.tool.derivation import TOOL
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.calibration.handheld.pointer import PointerCalibration
@@ -93,7 +93,7 @@ class LandmarkInputs:
     capture: LandmarkCapture = given(LANDMARKS_CAPTURE, "capture")
     registered: Registered = given(REGISTERED)
     pointer: PointerCalibration = given(POINTER, "pointer")
-    found_again: bool = given(Input(_found_again, CHOOSE_REFERENCE), "reference")
+    found_again: bool = given(reference_input(_found_again), "reference")
     evidence: Evidence = given(EVIDENCE)
 
 

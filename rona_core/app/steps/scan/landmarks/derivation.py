@@ -13,6 +13,7 @@ from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.calibration.handheld.pointer import PointerCalibration
 from rona_core.calibration.landmark_check import LandmarkCheck, require_enough
 from rona_core.calibration.tracking_error import MarkerNoise
+from rona_core.devices.settings import POINTERS
 from rona_core.devices.trackers import GEOMETRIES
 from rona_core.errors import StepBlockedError
 from rona_core.geometry.arrays import Floats, Ints, readonly
@@ -51,8 +52,8 @@ def compare_landmarks(known: LandmarkInputs, message: VerifyLandmarks) -> Landma
     capture, pointer = known.capture, known.pointer
     if pointer.pointer != capture.stroke.pointer:
         raise StepBlockedError(
-            f"the landmarks were touched with {capture.stroke.pointer}, but {pointer.pointer} is "
-            "calibrated: verify again"
+            f"the landmarks were touched with the {POINTERS[capture.stroke.pointer]}, but the "
+            f"{POINTERS[pointer.pointer]} is calibrated: verify again"
         )
     reference = known.registered.reference(capture.stroke)
     model = robot_model(known.evidence.robot)

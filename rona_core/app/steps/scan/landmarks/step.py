@@ -138,6 +138,7 @@ STEP = declare.Step(
             "verify on landmarks (step 8)",
             (parts.tracker, parts.robot, parts.robot_errors, parts.pointer),
             types=(LandmarkCapture,),
+            done="the landmarks were touched",
         ),
     ),
     results=(
@@ -147,9 +148,14 @@ STEP = declare.Step(
             compare_landmarks,
             "verify on landmarks (step 8)",
             judged=judge_landmarks,
+            done="the landmarks were compared",
         ),
         declare.Result.of(
-            "override", OverrideLandmarks, override, "override the verification (step 8)"
+            "override",
+            OverrideLandmarks,
+            override,
+            "override the verification (step 8)",
+            done="the verification on landmarks was overridden",
         ),
     ),
 )
