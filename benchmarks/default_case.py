@@ -22,7 +22,7 @@ DEFAULT: Mapping[str, Mapping[str, Any]] = {
         "suites.accuracy.accuracy.SKULL_SEEDS": range(37_840, 37_841),
         "suites.accuracy.accuracy.PLACES": {},
     },
-    "passes": {"suites.accuracy.passes.SEEDS": range(62_000, 62_012)},
+    "passes": {"suites.accuracy.passes.SEEDS": range(64_100, 64_112)},
     "probe_choice": {"suites.accuracy.probe_choice.SEEDS": (61_201, 61_204)},
     "map_ranks": {
         "suites.accuracy.map_ranks.SEEDS": range(21_000, 21_006),

@@ -23,7 +23,7 @@ from rona_core.geometry.pose import Poses
 from rona_core.session.document import Session
 from rona_core.session.files import load_session
 
-SEEDS = range(62_000, 62_100)
+SEEDS = range(64_100, 64_200)
 FILES: tuple[Path, ...] = ()  # sessions with virtual devices that count as well
 TO_BED = stages("implant")
 # least coverage of the inner map -> share of patients that have it
