@@ -154,7 +154,7 @@ def test_without_the_base_marker_a_moved_tracker_is_refused_by_name(before):
     session = bench.session
     assert state(session, "tool").state == "stale"
     assert "register again" in state(session, "tool").reason
-    assert "reference" in stale_reason("surface", session)
+    assert "use of the base marker" in stale_reason("surface", session)
     with pytest.raises(StepBlockedError, match="register again"):
         bench.run(STROKE)
     bench.dispatch(MoveTracker())
@@ -208,7 +208,7 @@ def test_a_moved_base_makes_everything_stale(before):
     session = opened(before).run(STROKE)
     moved = handle(SetRobot(errors=False, base_shift_mm=(40.0, 0.0, 0.0)), session)
     for name in ("tool", "surface"):
-        assert "set-up" in stale_reason(name, moved)
+        assert "the base of the robot" in stale_reason(name, moved)
     assert stale_reason("pointer", moved) is None
 
 

@@ -89,4 +89,4 @@ def test_a_file_that_was_stale_stays_so(demo):
         tool=replace(demo.results.tool, inputs={**demo.results.tool.inputs, "robot": "x"}),
     )
     loaded = session_from_bytes(session_bytes(replace(demo, results=results)))
-    assert "robot has changed" in stale_reason("tool", loaded)
+    assert "the robot (step 1) was changed" in stale_reason("tool", loaded)

@@ -111,9 +111,11 @@ def test_a_bad_result_names_a_remedy_of_its_own_and_all_behind_it_do_so_too(demo
 
 
 def test_what_is_computed_is_not_to_be_computed_again_when_it_is_bad(demo):
-    for name in ("roll", "second", "bed", "milling"):
+    for name in ("roll", "second", "milling"):
         remedy = judge_part(name, spoilt(demo, name)).remedy
         assert type(remedy.message) is not REGISTRY.result(name).message, name
+    other = judge_part("bed", spoilt(demo, "bed")).remedy.message
+    assert other.implant != demo.results.get("bed").value.implant
     assert judge_part("roll", spoilt(demo, "roll")).remedy.message == StartBasePlacement()
     assert judge_part("landmarks", spoilt(demo, "landmarks")).remedy.message == StartToolCapture()
 
