@@ -48,7 +48,9 @@ def test_a_correction_makes_the_maps_stale_and_keeps_what_was_detected(demo):
     after = handle(CorrectBoundary(i, inner_us=at_us), demo)
     assert after.results is demo.results
     assert stale_reason("detection", after) is None
-    assert "correction by hand has changed" in (stale_reason("maps", after) or "")
+    assert "correction of boundaries by hand (step 9) was changed" in (
+        stale_reason("maps", after) or ""
+    )
     assert detection_of_scan(after).inner_us[i] == at_us
     assert after.results.detection.value.inner_us[i] == at_us - 0.7
     plot = ascan_plot(after, i)

@@ -93,7 +93,7 @@ def test_a_pattern_fills_what_is_painted_to_be_scanned_alone(smoothed):
 
 def test_a_path_through_what_is_avoided_is_stale_and_cannot_be_smoothed(smoothed):
     painted = post(smoothed)
-    assert "painted regions" in stale_reason("smoothing", painted)
+    assert "painting of regions" in stale_reason("smoothing", painted)
     with pytest.raises(InvalidInputError, match="mm into a region to avoid, first at"):
         handle(SmoothScanPath(), painted)
     cleared = handle(ClearPaintedRegions("scan"), painted)

@@ -122,7 +122,7 @@ def test_a_new_box_makes_a_plan_stale_and_taking_it_away_makes_it_good_again():
     session = demo_parts.demo()
     assert stale_reason("roll", session) is None
     with_wall = handle(WALL, session)
-    assert "obstacles has changed" in stale_reason("roll", with_wall)
+    assert "what stands around the robot was changed" in stale_reason("roll", with_wall)
     assert stale_reason("tool", with_wall) is None, "what was measured stays"
     assert stale_reason("roll", handle(RemoveObstacle("wall"), with_wall)) is None
 

@@ -102,7 +102,8 @@ def test_the_fields_show_what_was_asked_for_and_ask_for_it_again(demo):
 
 def test_a_slider_lays_the_bed_as_the_fields_ask_and_follows_what_was_found(demo):
     gui, recorder, _ = panel_of(snapshot(demo))
-    at = demo.results.get("bed").value.placed.placement
+    bed = demo.results.get("bed").value
+    at, lift_mm = bed.placed.placement, bed.lift_mm
     u = gui.find("slider", "Along u (mm)")
     assert (u.value, gui.find("slider", "Along v (mm)").value) == (at.u_mm, at.v_mm)
     cells = demo.results.maps.value.outer.u_mm
@@ -114,7 +115,7 @@ def test_a_slider_lays_the_bed_as_the_fields_ask_and_follows_what_was_found(demo
     (sent,) = recorder.sent
     assert isinstance(sent, PlaceBed)
     assert (sent.u_mm, sent.v_mm, sent.angle_deg) == (2.5, at.v_mm, 33.0)
-    assert (sent.implant, sent.burr_mm, sent.lift_mm) == ("CI receiver", None, 1.0)
+    assert (sent.implant, sent.burr_mm, sent.lift_mm) == ("CI receiver", None, lift_mm)
     u.happen(None)  # our own write
     assert len(recorder.sent) == 1
 

@@ -141,7 +141,7 @@ def test_a_correction_makes_the_maps_by_hand_stale_and_goes_into_them(bench):
     at_us = float(detection_of_scan(session, "hand").inner_us[i]) + 0.5
     before = session.results.sono_maps.value.maps
     bench.dispatch(CorrectBoundary(i, "hand", inner_us=at_us))
-    assert "correction by hand" in stale_reason("sono_maps", bench.session)
+    assert "correction of boundaries by hand" in stale_reason("sono_maps", bench.session)
     assert stale_reason("sono_detection", bench.session) is None
     assert ascan_plot(bench.session, i, scan="hand").inner_us == at_us
     assert ascan_plot(bench.session, i, scan="hand").by_hand
