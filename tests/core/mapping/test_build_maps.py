@@ -108,7 +108,7 @@ def test_front_echoes_of_a_second_pass_are_as_late_as_those_of_the_first():
     assert not maps.inner_used[:n].any()
     assert maps.inner_used[n:].mean() > 0.95
     outer = errors_mm(maps.outer, skull.outer_z).mean()
-    assert abs(errors_mm(maps.inner, inner_z(skull)).mean() - outer) < 0.4 * late
+    assert abs(errors_mm(maps.inner, inner_z(skull)).mean() - outer) < 0.5 * late
 
 
 def test_a_cell_is_mapped_just_where_an_unflagged_sample_is_near():
