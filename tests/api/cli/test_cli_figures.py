@@ -76,3 +76,14 @@ def test_of_the_demo_session_all_are_drawn(tmp_path, capsys):
     names = [one.file_name("svg") for one in PAPER_FIGURES.values()]
     assert sorted(path.name for path in (tmp_path / "demo_figures").iterdir()) == names
     assert len(capsys.readouterr().out.splitlines()) == len(names)
+
+
+def test_a_full_disk_is_named_with_the_file(early, capsys, monkeypatch):
+    def full(path, data):
+        raise OSError(28, "No space left on device", str(path))
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    assert main(["figures", str(early), "--only", "registrations"]) == 2
+    said = capsys.readouterr().err
+    assert "figure_04_registrations" in said
+    assert "Traceback" not in said

@@ -37,6 +37,7 @@ PLACES = {
     "rona_core/session/files.py": "a session is saved",
     "rona_ui/api/bodies.py": "a file is uploaded",
     "rona_ui/cli/export.py": "maps are exported",
+    "rona_ui/cli/figures.py": "tests/api/cli/test_cli_figures.py",
     "rona_ui/cli/report.py": "a report is written",
     "rona_ui/cli/serve.py": "the sessions folder is tried",
     "rona_ui/resources.py": "the sessions folder is made",

@@ -121,7 +121,7 @@ def test_registering_it_again_makes_bed_and_milling_stale(bench):
     bench.dispatch(RegisterBurr(exclude=(0, 1)))
     assert not burr_of(bench.session).used[:2].any()
     for name in ("bed", "milling", "rehearsal"):
-        assert "burr has changed" in stale_reason(name, bench.session)
+        assert "the registration of the burr was computed anew" in stale_reason(name, bench.session)
 
 
 def test_a_bed_of_a_file_that_knew_of_no_burr_stays_fresh_until_there_is_one(demo):
@@ -135,7 +135,7 @@ def test_a_bed_of_a_file_that_knew_of_no_burr_stays_fresh_until_there_is_one(dem
         old = before(name, old)
     assert stale_reason("bed", old) is None
     later = old.with_result("burr", demo.results.get("burr"))
-    assert "computed without burr" in stale_reason("bed", later)
+    assert "placed without the registration of the burr" in stale_reason("bed", later)
 
 
 def test_a_bad_or_stale_registration_is_not_used_and_says_so(demo, bench):
