@@ -20,6 +20,7 @@ from rona_core.app.steps.scan.landmarks.messages import StartLandmarkCapture
 from rona_core.app.steps.scan.messages import StartProbeMountingCapture, StartScan
 from rona_core.app.steps.smoothing.messages import SmoothScanPath
 from rona_core.app.steps.surface.messages import StartSurfaceCapture
+from rona_core.app.steps.surface.step import MORE_POINTS
 from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.mapping.accuracy.error_terms import BudgetRow, CellSigma
 from rona_core.mapping.accuracy.map_terms import MORE_PASSES, POINTS
@@ -59,7 +60,10 @@ def _reference_points(session: Session) -> Remedy:
 
 
 def _of_budget(*names: str) -> Find:
-    """Return what finds the message that lowers the expected error of maps most."""
+    """Return what finds the message that lowers the expected error of maps most.
+
+    What it brings is named at best: as if the causes that it lowers were gone.
+    """
 
     def find(session: Session) -> Remedy | None:
         if stale_reason("maps", session) is not None:
@@ -76,7 +80,7 @@ def _of_budget(*names: str) -> Find:
             then_mm = _together_mm([row for row in rows if row.remedy != asked])
             remedy = lower(session)
             if remedy is not None and then_mm < least_mm:
-                words = f"{remedy.words}: expected error {now_mm:.2f} to about {then_mm:.2f} mm"
+                words = f"{remedy.words}: expected error {now_mm:.2f} mm, {then_mm:.2f} at best"
                 best, least_mm = replace(remedy, words=words), then_mm
         if best is not None:
             return best
@@ -90,15 +94,11 @@ def _together_mm(rows: list[BudgetRow]) -> float:
     return float(np.sqrt(sum(row.sigma_mm**2 for row in rows)))
 
 
-def _more_passes(session: Session) -> Remedy | None:
-    return _tilted_first(lambda s: None)(session)
-
-
 # remedy of a cause of errors -> what does it now
 LOWERS: dict[str, Find] = {
     GAUGE: _always("record the probe on the gauge plate (step 8)", StartProbeMountingCapture()),
     POINTS: _reference_points,
-    MORE_PASSES: _more_passes,
+    MORE_PASSES: _tilted_first(lambda session: None),
 }
 REGISTER = _of_part(
     "tool",
@@ -110,10 +110,7 @@ CALIBRATE = _of_part(
 SWEEP = _always(
     "slide the pointer over the surface once more (step 4)", StartSurfaceCapture(append=True)
 )
-ALIGN = _of_part(
-    "registration",
-    Remedy("slide the pointer over more of the skull (step 4)", StartSurfaceCapture(append=True)),
-)
+ALIGN = _of_part("registration", MORE_POINTS)
 WHOLE_REGION = _always("record a path over the whole region (step 5)", StartPathCapture())
 MOVE = _always("search a better place of the robot's base (step 7)", StartBasePlacement())
 SCAN = _always("scan again (step 8)", StartScan())

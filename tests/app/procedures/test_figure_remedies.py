@@ -68,8 +68,8 @@ def test_the_gauge_plate_is_advised_with_what_it_brings_and_brings_it(demo):
         )
     remedy = figure_remedy("outer_rms_mm", bench.session)
     assert isinstance(remedy.message, StartProbeMountingCapture)
-    promised_mm = float(remedy.words.rpartition("about ")[2].split()[0])
+    promised_mm = float(remedy.words.rpartition("mm, ")[2].split()[0])
     bench.close()
     whole = map_accuracy(demo).outer.budget
     came_mm = sum(row.sigma_mm**2 for row in whole) ** 0.5
-    assert came_mm == pytest.approx(promised_mm, abs=0.1)
+    assert promised_mm - 0.02 <= came_mm <= promised_mm + 0.1

@@ -74,7 +74,7 @@ FURTHER = {
 }
 
 # implant, and one that conducts sound through the bone as well and needs less of it
-SHALLOWER = {"BCI 601": "BCI 602", "BCI 602": "Osia/Baha screw"}
+LESS_BONE = {"BCI 601": "BCI 602", "BCI 602": "Osia/Baha screw"}
 
 
 def judge_bed(bed: ImplantBed, session: Session) -> Judgement:
@@ -104,10 +104,10 @@ def other_bed(bed: ImplantBed, session: Session) -> Remedy:
     if asked.lift_mm is not None:
         search = replace(asked, lift_mm=None)
         return Remedy("allow every lift and search the bed again (step 10)", search)
-    if bed.implant in SHALLOWER:
-        other = SHALLOWER[bed.implant]
+    if bed.implant in LESS_BONE:
+        other = LESS_BONE[bed.implant]
         search = replace(asked, implant=other, burr_mm=None)
-        return Remedy(f"search the bed of the shallower {other} instead (step 10)", search)
+        return Remedy(f"search the bed of the {other}, which needs less bone (step 10)", search)
     return Remedy("choose another implant (step 10) or another region (step 1)")
 
 

@@ -37,25 +37,26 @@ MAPS: Input[Maps] = result_input("maps")
 ROLL: Input[RobotPlan] = result_input("roll")
 SECOND: Input[SecondPass] = result_input("second")
 
+BY_HAND = "the correction of boundaries by hand (step 9)"
 EDITS = Input(
     lambda s: s.boundary_edits.without("hand"),
     "scan (step 8)",
-    title="the correction of boundaries by hand (step 9)",
+    title=BY_HAND,
 )
 FIRST_EDITS = Input(
     lambda s: s.boundary_edits.of("first"),
     "scan (step 8)",
-    title="the correction of boundaries by hand (step 9)",
+    title=BY_HAND,
 )
 OUTER_EDITS = Input(
     lambda s: s.boundary_edits.of("first", "outer"),
     "scan (step 8)",
-    title="the correction of boundaries by hand (step 9)",
+    title=BY_HAND,
 )
 FURTHER_EDITS = Input(
     lambda s: s.boundary_edits.of("second"),
     "scan (step 8)",
-    title="the correction of boundaries by hand (step 9)",
+    title=BY_HAND,
 )
 
 
