@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
-from scipy.signal import find_peaks
 
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.robust import mad_sigma, reweighted_least_squares
@@ -209,6 +208,8 @@ def find_echoes(survey: RfSurvey) -> list[Echo]:
 
 def _places(envelope: Floats, zero: int, length: float) -> list[tuple[int, float]]:
     """Return where echoes are behind the front, in samples, and their levels."""
+    from scipy.signal import find_peaks  # 0.5 s, which only readers of recorded lines wait for
+
     usual = np.quantile(envelope, USUAL, axis=0)[zero:]
     near = round(SPREAD_LENGTHS * length)
     wide = maximum_filter1d(envelope, 2 * near + 1, axis=1)
