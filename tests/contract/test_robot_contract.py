@@ -126,7 +126,10 @@ def test_it_can_be_placed_before_a_capture(device):
     np.testing.assert_allclose(robot.state().q_rad, q, atol=1e-12)
 
 
-def test_closing_twice_is_safe(device):
-    robot, _, _ = device
+def test_closed_twice_it_stands_still_and_refuses_motions(device):
+    robot, _, model = device
     robot.close()
     robot.close()
+    assert not robot.state().moving
+    with pytest.raises(DeviceError):
+        robot.move(TIMES_S, swing(model.home_rad))

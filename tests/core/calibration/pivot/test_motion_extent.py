@@ -81,7 +81,7 @@ def test_a_swing_that_leaves_a_direction_open_is_refused_by_what_it_lacks(
 @pytest.mark.parametrize("dof", [5, 6])
 @pytest.mark.parametrize(("wide_deg", "narrow_deg"), [(2.7, 2.7), (20.0, 2.8), (6.0, 3.2)])
 def test_a_swing_that_leaves_no_direction_open_is_taken(dof, wide_deg, narrow_deg):
-    require_swing(filled(wide_deg, narrow_deg), dof)
+    assert require_swing(filled(wide_deg, narrow_deg), dof) is None  # it raises what is wrong
 
 
 def test_a_spin_about_the_shaft_says_nothing_of_a_pointer_with_its_tip_on_the_shaft():
