@@ -11,8 +11,7 @@ import numpy as np
 from rona_core.geometry.arrays import Floats, Ints
 from rona_core.mapping.boundary_map import BoundaryMap
 from rona_core.mapping.volume.echo_volume import EchoVolume
-from rona_core.mapping.volume.hole_filling import fill_holes
-from rona_core.mapping.volume.reconstruction import ScanLines
+from rona_core.mapping.volume.reconstruction import ScanLines, fill_holes
 from rona_core.ultrasound.probe.materials import GEL
 
 Interpolation = Literal["nearest", "linear"]

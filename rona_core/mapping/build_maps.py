@@ -15,12 +15,57 @@ from rona_core.mapping.fitting.hampel_filter import agreeing
 from rona_core.mapping.fitting.plate_field import PlateField, fit_field, plate_through
 from rona_core.mapping.map_grid import NEAR_MM, MapGrid
 from rona_core.mapping.pass_fusion import PassFusion, counting, fuse_passes
-from rona_core.mapping.scanned_area import require_area, require_share
 from rona_core.ultrasound.detection.detect import Detection
 from rona_core.ultrasound.detection.single.matched_filter import block_template
 from rona_core.ultrasound.probe.beam import probe_beam
 from rona_core.ultrasound.probe.materials import GEL
 from rona_core.ultrasound.probe.probe_model import ProbeModel, probe_model
+
+LEAST_SHARE = 0.45  # of A-scans, that show an outer boundary
+LEAST_WIDTH_MM = 7.5  # of an even strip that reaches as far across
+STRIP_OVER_RMS = 12.0**0.5  # width of an even strip over the RMS distance from its middle
+
+
+def require_share(used: Bools) -> None:
+    """Refuse a map that most of its A-scans (n,) tell nothing of.
+
+    Raises:
+        DegenerateGeometryError: too few of them show an outer boundary that others agree with.
+    """
+    if np.mean(used) < LEAST_SHARE:
+        raise DegenerateGeometryError(
+            f"only {np.count_nonzero(used)} of {len(used)} A-scans show an outer boundary that "
+            f"agrees with those around it, a map takes {100 * LEAST_SHARE:.0f} %: was the probe "
+            "in contact, and is the bone smooth there, without a steep edge?"
+        )
+
+
+def require_area(points: Floats, axes: Floats) -> None:
+    """Refuse points that lie in a strip of a row or two.
+
+    A row over a dome lies in a plane of its own, and echoes of neighbouring rows are those of much
+    the same bone: its course across the gap is not measured.
+
+    Args:
+        points: Of the outer boundary (n, 3), in mm, n >= 3.
+        axes: Of the probe (n, 3), into the bone, in the same frame.
+
+    Raises:
+        DegenerateGeometryError: the points lie in such a strip.
+    """
+    inward = axes.mean(axis=0)
+    inward = inward / np.linalg.norm(inward)
+    flat = points - points.mean(axis=0)
+    flat = flat - np.outer(flat @ inward, inward)
+    spread_mm = np.linalg.svd(flat, compute_uv=False)[1] / np.sqrt(len(points))
+    width_mm = float(STRIP_OVER_RMS * spread_mm)
+    if width_mm < LEAST_WIDTH_MM:
+        raise DegenerateGeometryError(
+            f"the {len(points)} A-scans that show the outer boundary lie in a strip of "
+            f"{width_mm:.1f} mm, a map takes {LEAST_WIDTH_MM:.1f} mm: scan more rows, or a wider "
+            "region"
+        )
+
 
 LEAST_SAMPLES = 12
 LEAST_THICKNESS_MM = 0.2  # the inner map stays at least this far below the outer one

@@ -9,13 +9,42 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.random import Generator
+from scipy.special import ndtri
 
 from rona_core.geometry.arrays import Bools, Floats, readonly
 from rona_core.mapping.accuracy.error_terms import ErrorTerm, hidden_depths
 from rona_core.mapping.accuracy.map_terms import POINTS, MapTerms
 from rona_core.mapping.boundary_map import BoundaryMap, Maps
 from rona_core.mapping.build_maps import LEAST_THICKNESS_MM
-from rona_core.mapping.fitting.gaussian_field import field_root, stratified_normals
+
+LEAST_SHARE = 1e-9  # of a range, so that none is infinite
+
+
+def field_root(at_mm: Floats, reach_mm: float) -> Floats:
+    """Return a root (n, n) of the covariance of places (n,) along one axis, of variance 1.
+
+    White noise (nu, nv) between the roots of both axes is a field over their grid.
+
+    Args:
+        at_mm: Places along the axis.
+        reach_mm: Standard deviation of the Gaussian by which two of them still vary alike.
+    """
+    if reach_mm <= 0.0:
+        return np.eye(len(at_mm))
+    apart = (at_mm[:, None] - at_mm) / reach_mm
+    values, vectors = np.linalg.eigh(np.exp(-0.5 * apart**2))
+    return vectors * np.sqrt(np.maximum(values, 0.0))  # far from regular: no Cholesky
+
+
+def stratified_normals(count: int, generator: Generator) -> Floats:
+    """Return standard normal numbers (count,), one of each of as many equally likely ranges.
+
+    So a few of them have the spread of many (Latin hypercube, McKay 1979); they depend on each
+    other.
+    """
+    within = generator.uniform(LEAST_SHARE, 1.0, count)
+    return ndtri((generator.permutation(count) + within) / count)
+
 
 AT_ONCE = 16  # draws that are worked on together: all of them take much memory
 LEAST_CELLS = 12  # of a map that has a mean to speak of

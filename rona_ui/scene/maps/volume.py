@@ -8,8 +8,7 @@ from rona_core.errors import RonaError
 from rona_core.geometry.arrays import Floats, Ints
 from rona_core.geometry.mesh import Mesh
 from rona_core.geometry.pose import Pose
-from rona_core.mapping.volume.echo_volume import EchoVolume
-from rona_core.mapping.volume.iso_surface import IsoSurface
+from rona_core.mapping.volume.echo_volume import EchoVolume, IsoSurface
 from rona_ui.presentation.colors import ORANGE, SKY
 from rona_ui.presentation.shown import shown_volume
 from rona_ui.presentation.snapshot import Snapshot, changed

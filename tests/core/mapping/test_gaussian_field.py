@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from rona_core.mapping.fitting.gaussian_field import field_root, stratified_normals
+from rona_core.mapping.accuracy.map_draws import field_root, stratified_normals
 
 AT = np.arange(0.0, 12.0, 0.5)
 

@@ -5,7 +5,7 @@ import pytest
 
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.pose import Pose
-from rona_core.mapping.scanned_area import LEAST_SHARE, require_area, require_share
+from rona_core.mapping.build_maps import LEAST_SHARE, require_area, require_share
 
 
 def on_a_dome(u, v):

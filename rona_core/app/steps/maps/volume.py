@@ -15,9 +15,8 @@ from rona_core.errors import StaleResultError
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.pose import Poses
 from rona_core.mapping.boundary_map import Maps
-from rona_core.mapping.volume.echo_volume import EchoVolume
+from rona_core.mapping.volume.echo_volume import EchoVolume, IsoSurface, iso_surface
 from rona_core.mapping.volume.inner_ridge import RidgeAgreement, ridge_agreement
-from rona_core.mapping.volume.iso_surface import IsoSurface, iso_surface
 from rona_core.mapping.volume.reconstruction import ScanLines, VolumeSettings, reconstruct_volume
 from rona_core.session.document import Derived, Session
 from rona_core.session.memo import Memo, remember
@@ -67,7 +66,7 @@ def volume_file(
         InvalidInputError: height of a voxel or radius of filling out of range.
         StepBlockedError: see ``echo_volume``, as for all others.
     """
-    from rona_core.mapping.volume.volume_file import volume_nrrd  # pynrrd is slow to import
+    from rona_core.mapping.volume.echo_volume import volume_nrrd  # pynrrd is slow to import
 
     given = {"depth_step_mm": depth_step_mm, "fill_radius_mm": fill_radius_mm}
     wanted = VolumeSettings(**{name: mm for name, mm in given.items() if mm is not None})

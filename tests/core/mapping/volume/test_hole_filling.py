@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from rona_core.mapping.volume.hole_filling import fill_holes
 from rona_core.mapping.volume.inner_ridge import inner_ridge
-from rona_core.mapping.volume.reconstruction import VolumeSettings, reconstruct_volume
+from rona_core.mapping.volume.reconstruction import VolumeSettings, fill_holes, reconstruct_volume
 from tests.scenes.volume_lines import PROBE, plate
 
 STEPS = (1.0, 1.0, 0.25)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from rona_core.errors import InvalidInputError
+from rona_core.mapping.volume.echo_volume import iso_surface
 from rona_core.mapping.volume.inner_ridge import GAIN_DB_PER_MM
-from rona_core.mapping.volume.iso_surface import iso_surface
 from rona_core.mapping.volume.reconstruction import reconstruct_volume
 from tests.scenes.volume_lines import INNER, PROBE, plate
 

@@ -6,8 +6,8 @@ import nrrd
 import numpy as np
 import pytest
 
+from rona_core.mapping.volume.echo_volume import volume_nrrd
 from rona_core.mapping.volume.reconstruction import reconstruct_volume
-from rona_core.mapping.volume.volume_file import volume_nrrd
 from tests.scenes.volume_lines import PROBE, T_BASE_MAP, plate
 
 
