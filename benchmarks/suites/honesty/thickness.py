@@ -33,9 +33,9 @@ from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
     SpeedCalibration,
     calibrate_speed,
     speed_at,
+    speed_uncertainty,
     uncalibrated,
 )
-from rona_core.ultrasound.acoustic_calibration.speed_uncertainty import speed_uncertainty
 from rona_core.ultrasound.detection.detect import Detection, detect
 from rona_core.ultrasound.probe.probe_model import ProbeSurvey, probe_model
 from rona_core.virtual.acoustics.medium import bone_medium, true_bone

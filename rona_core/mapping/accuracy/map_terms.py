@@ -36,10 +36,10 @@ from rona_core.mapping.fitting.plate_field import (
 from rona_core.mapping.map_grid import NEAR_MM
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
     SpeedCalibration,
+    speed_uncertainty,
     uncalibrated,
 )
 from rona_core.ultrasound.acoustic_calibration.speed_prior import LOCAL_LENGTH_MM
-from rona_core.ultrasound.acoustic_calibration.speed_uncertainty import speed_uncertainty
 from rona_core.ultrasound.detection.detect import Detection
 from rona_core.ultrasound.detection.manual_corrections import BoundaryEdits, ScanName, corrected
 from rona_core.ultrasound.probe.probe_model import probe_model

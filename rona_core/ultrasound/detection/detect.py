@@ -2,6 +2,13 @@
 
 Detection knows what a laboratory knows: the probe, the echo of a reference block, and nominal
 sound speeds. It does not know how the echoes were made, and it flags what is not certain.
+
+Loss of the bone, learned from the survey itself: how faint sure inner echoes are, by depth.
+Published attenuations of skull bone differ sixfold, so an inner echo cannot be judged by a nominal
+one. Sure echoes are as loud as nominal ones but for obliquity, which does not depend on the bone;
+what they are fainter by, over the way that they came, is the loss that nominal bone does not have.
+A step from table to diploe is fainter for another reason, so only echoes from deeper than any outer
+table count.
 """
 
 from collections.abc import Sequence
@@ -15,7 +22,6 @@ from rona_core.devices.protocols import Cancel, Progress, never, silent
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.ultrasound.detection.baseline_detectors import find_largest_echoes
-from rona_core.ultrasound.detection.bone_loss import FIRST_LOSSES, learned_loss
 from rona_core.ultrasound.detection.single.candidates import (
     Cleared,
     Echoes,
@@ -27,12 +33,51 @@ from rona_core.ultrasound.detection.single.inner_echo import InnerEchoes
 from rona_core.ultrasound.detection.single.matched_filter import BONE_REFLECTION
 from rona_core.ultrasound.detection.single.time_of_flight import Fisher, amplitude_bound
 from rona_core.ultrasound.detection.spatial.candidate_selection import select_inner_echoes
-from rona_core.ultrasound.detection.spatial.detectability import possible_steps
+from rona_core.ultrasound.detection.spatial.detectability import (
+    STEP_SHARE,
+    possible_steps,
+    within_table,
+)
 from rona_core.ultrasound.detection.spatial.neighbours import Links, scan_links
 from rona_core.ultrasound.detection.spatial.oblique_correction import correct_oblique_echoes
 from rona_core.ultrasound.probe.excitation import GRID
 from rona_core.ultrasound.probe.materials import DIPLOE, TABLE, Material
 from rona_core.ultrasound.probe.probe_model import ProbeSurvey
+
+FIRST_LOSSES = 1.4, 1.8  # over the nominal one: high, so that faint echoes count at first
+LOSSES = 0.5, 2.0  # of bone, over the nominal one
+LEAST_SURE = 10  # A-scans; fewer tell nothing
+USUAL_LEVEL = 0.60  # of a sure inner echo over that of a parallel boundary: it leans, and is rough
+SAME_US = 0.2  # the peak that was selected lies this close to the time that was found
+
+
+def learned_loss(
+    echoes: Echoes, inner: InnerEchoes, sure: Bools, bone: Material, loss: float
+) -> float | None:
+    """Return the attenuation of the bone over the nominal one; None where too few echoes are sure.
+
+    Args:
+        echoes: Of all A-scans (n), their levels over those in bone of ``loss``.
+        inner: The inner echoes that were selected.
+        sure: Which of them count (n,).
+        bone: Bone as it was assumed.
+        loss: Its attenuation over the nominal one.
+    """
+    candidates, rows = echoes.candidates, np.arange(len(sure))
+    apart = np.where(candidates.exists, np.abs(candidates.lag_us - inner.lag_us[:, None]), np.inf)
+    nearest = apart.argmin(axis=1)
+    depth_mm = inner.lag_us * bone.speed_mm_per_us / 2.0
+    deep = within_table(depth_mm, echoes.template.probe) < STEP_SHARE
+    used = sure & deep & (apart[rows, nearest] < SAME_US)
+    if np.count_nonzero(used) < LEAST_SURE:
+        return None
+    level: Floats = candidates.level[rows, nearest][used]
+    depth_mm = depth_mm[used]
+    centre_mhz = np.array([echoes.template.probe.centre_mhz])
+    per_mm = -2.0 * float(bone.wavenumber_per_mm(centre_mhz).imag[0]) / loss  # there and back
+    found = loss - np.log(np.maximum(level, 1e-6) / USUAL_LEVEL) / (per_mm * depth_mm)
+    return float(np.clip(np.median(found), *LOSSES))
+
 
 Method = Literal["subtract", "matched", "threshold"]
 DIPLOE_SHARE = 0.45  # of the thickness of a skull: 0.40 to 0.55 in the literature

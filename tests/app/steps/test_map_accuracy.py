@@ -30,10 +30,10 @@ from rona_core.session.codec import digest
 from rona_core.session.document import Derived, Session, SonoMaps
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
     calibrate_speed,
+    speed_uncertainty,
     uncalibrated,
 )
 from rona_core.ultrasound.acoustic_calibration.speed_prior import LOCAL_SHARE, PATIENTS_SHARE
-from rona_core.ultrasound.acoustic_calibration.speed_uncertainty import speed_uncertainty
 from tests.scenes.demo_parts import without_reference_points
 
 

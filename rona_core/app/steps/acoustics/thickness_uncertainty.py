@@ -24,9 +24,9 @@ from rona_core.ultrasound.acoustic_calibration.reference_points import (
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
     SpeedCalibration,
     speed_at,
+    speed_uncertainty,
     uncalibrated,
 )
-from rona_core.ultrasound.acoustic_calibration.speed_uncertainty import speed_uncertainty
 from rona_core.ultrasound.detection.detect import Detection
 
 STEEPEST = 0.3  # nine tenths of all skulls are flatter: more is a step between echoes

@@ -21,8 +21,11 @@ from rona_core.geometry.pose import Poses
 from rona_core.mapping.build_maps import boundary_points
 from rona_core.session.document import Session
 from rona_core.session.memo import remember
-from rona_core.ultrasound.acoustic_calibration.speed_calibration import speed_at, uncalibrated
-from rona_core.ultrasound.acoustic_calibration.speed_uncertainty import speed_uncertainty
+from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
+    speed_at,
+    speed_uncertainty,
+    uncalibrated,
+)
 from rona_core.ultrasound.detection.ascan_curves import ScanImage, preview, scan_image
 from rona_core.ultrasound.detection.detect import Detection, nominal_bone
 from rona_core.ultrasound.detection.manual_corrections import ScanName

@@ -8,6 +8,7 @@ from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
     calibrate_speed,
     speed_at,
     speed_covariance,
+    speed_uncertainty,
     uncalibrated,
 )
 from rona_core.ultrasound.acoustic_calibration.speed_prior import (
@@ -18,7 +19,6 @@ from rona_core.ultrasound.acoustic_calibration.speed_prior import (
     WITHIN_STUDY_SHARE,
     SpeedPrior,
 )
-from rona_core.ultrasound.acoustic_calibration.speed_uncertainty import speed_uncertainty
 
 HERE = np.array([[0.0, 0.0]])
 FAR = np.array([[200.0, 0.0]])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rona_core.ultrasound.detection.spatial.cycle_slips import (
+from rona_core.ultrasound.detection.spatial.oblique_correction import (
     MOST_RATIO,
     SLIP_ODDS,
     slip_chances,
