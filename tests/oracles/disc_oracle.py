@@ -16,10 +16,9 @@ from rona_core.ultrasound.probe.beam import WINDOW, probe_beam
 from rona_core.ultrasound.probe.excitation import transducer_response
 from rona_core.ultrasound.probe.materials import BRAIN, TABLE, Complexes, Material
 from rona_core.ultrasound.probe.probe_model import PROBES, ProbeModel
-from rona_core.virtual.acoustics.layer_stack import BoneStack, LayerProfile
+from rona_core.virtual.acoustics.layer_stack import BoneStack, LayerProfile, Spreading
 from rona_core.virtual.acoustics.medium import Medium
 from rona_core.virtual.acoustics.probe import bent_share
-from rona_core.virtual.acoustics.spreading import Spreading
 from tests.oracles.kwave_cases import Comparison, envelope
 
 BONE = replace(TABLE, shear_mm_per_us=0.0)

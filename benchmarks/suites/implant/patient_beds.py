@@ -42,7 +42,7 @@ from rona_core.planning.placement.evaluate import (
 from rona_core.planning.placement.figures import PlacementFigures, chance_above
 from rona_core.planning.placement.problem import Placement, PlacementLimits, PlacementProblem
 from rona_core.session.document import Session
-from rona_core.virtual.milling.true_burr import SEAT_MM
+from rona_core.virtual.milling.milling_site import SEAT_MM
 
 LEVELS = (0.05, 0.999)  # of P, even in standard normal quantiles
 TRIES = 100  # of places for one bed

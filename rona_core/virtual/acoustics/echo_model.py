@@ -21,10 +21,9 @@ from rona_core.ultrasound.probe.excitation import (
 )
 from rona_core.ultrasound.probe.materials import Complexes
 from rona_core.ultrasound.probe.probe_model import ProbeModel
-from rona_core.virtual.acoustics.layer_stack import BoneStack, LayerProfile, Phasors
+from rona_core.virtual.acoustics.layer_stack import BoneStack, LayerProfile, Phasors, Spreading
 from rona_core.virtual.acoustics.layered_reflection import stack_reflection
 from rona_core.virtual.acoustics.medium import Medium
-from rona_core.virtual.acoustics.spreading import Spreading
 
 AIR_REFLECTION = -1.0
 

@@ -2,6 +2,10 @@
 
 Exact in the layers, all multiples included. The usual way counts with 24 bits, for sines of such
 numbers are thirty times as fast; the exact one with 53, to hold the other against.
+
+How the beam spreads on its way through the bone, beside that on the face of the line. Bone is as
+far as a way ``d c / c_line`` in the line (paraxial): the field of the disc there, squared by
+reciprocity, over that on the face. The plain delay and loss of the way are left out.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -10,8 +14,10 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from rona_core.geometry.arrays import Bools, Floats
+from rona_core.geometry.arrays import Bools, Floats, Ints
+from rona_core.ultrasound.probe.beam import Beam, disc_field
 from rona_core.ultrasound.probe.materials import Complexes, Material
+from rona_core.ultrasound.probe.probe_model import ProbeModel
 from rona_core.virtual.acoustics.layered_reflection import Boundary, ObliqueFactors, ramp, step
 from rona_core.virtual.acoustics.medium import Medium
 from rona_core.virtual.acoustics.microstructure import (
@@ -20,7 +26,42 @@ from rona_core.virtual.acoustics.microstructure import (
     local_speed_factors,
     texture,
 )
-from rona_core.virtual.acoustics.spreading import Spreading
+
+DEPTHS_MM = np.linspace(0.0, 36.0, 13)  # in the line; the last is 20 mm of bone
+FREQUENCIES = 24  # at which the field is counted; it is interpolated between them
+
+
+class Spreading:
+    """Factors of the rays' echoes of boundaries behind the face."""
+
+    def __init__(self, probe: ProbeModel, beam: Beam) -> None:
+        """Count the field behind the face of a probe at the rays of its beam."""
+        self._line_mm_per_us = probe.line.speed_mm_per_us
+        radii, rings = np.unique(np.hypot(*beam.points_mm.T).round(9), return_inverse=True)
+        self.rings: Ints = np.asarray(rings, dtype=np.int64)  # of the rays (n,)
+        f = beam.frequencies_mhz
+        some = np.linspace(f[0], f[-1], FREQUENCIES)
+        k, size = probe.line.wavenumber_per_mm(some), probe.aperture_radius_mm
+        fields = np.array(
+            [
+                np.exp(1j * k * depth) * disc_field(size, probe.line_length_mm + depth, radii, k)
+                for depth in DEPTHS_MM
+            ]
+        )
+        share = ((fields / fields[0]) ** 2).reshape(-1, FREQUENCIES)
+        between = [
+            np.interp(f, some, row.real) + 1j * np.interp(f, some, row.imag) for row in share
+        ]
+        self._table: Complexes = np.array(between).reshape(len(DEPTHS_MM), len(radii), len(f))
+
+    def at(self, bone_mm: Floats, speed_mm_per_us: float) -> Complexes:
+        """Return the factors (n, rings, f) behind ways (n,) through bone of a speed."""
+        depth = np.clip(bone_mm * speed_mm_per_us / self._line_mm_per_us, 0.0, DEPTHS_MM[-1])
+        place = depth / DEPTHS_MM[1]
+        low = np.minimum(place.astype(np.int64), len(DEPTHS_MM) - 2)
+        share = (place - low)[:, None, None]
+        return (1.0 - share) * self._table[low] + share * self._table[low + 1]
+
 
 SPECKLE_CELLS = 54  # of diploe, 8 mm deep
 AT_ONCE = 4  # profiles that are worked on together: arrays of more leave the cache

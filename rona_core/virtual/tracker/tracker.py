@@ -20,10 +20,29 @@ from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.geometry.pose import Poses
 from rona_core.virtual.noise import standard_normals
 from rona_core.virtual.tracker.faults import drift_mm, dropped, swapped_markers
-from rona_core.virtual.tracker.late_column import LateColumn
 from rona_core.virtual.tracker.marker_error import in_volume, marker_error
 from rona_core.virtual.tracker.occlusion import Sight
 from rona_core.virtual.tracker.reporting_rules import report_tool
+
+
+class LateColumn:
+    """The samples of one tool in n frames, computed once, on first access."""
+
+    __slots__ = ("_column", "_compute")
+
+    def __init__(self, compute: Callable[[], ToolColumn]) -> None:
+        """Take what gives them (n,); it depends on nothing that may change."""
+        self._compute = compute
+        self._column: ToolColumn | None = None
+
+    def __call__(self) -> ToolColumn:
+        """Return them."""
+        column = self._column  # two threads may work it out at once, none waits
+        if column is None:
+            column = self._column = self._compute()
+            self._compute = lambda: column  # what they were made of is let go
+        return column
+
 
 FACING_LIMIT_RAD = np.deg2rad(60.0)  # flat markers are lost beyond this angle to the line of sight
 HYSTERESIS_RAD = np.deg2rad(2.0)  # and found again this much earlier

@@ -22,7 +22,7 @@ from rona_core.errors import InvalidInputError
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
 from rona_core.session.files import session_bytes, session_from_bytes
-from rona_core.virtual.milling.true_burr import true_centers_bed
+from rona_core.virtual.milling.milling_site import true_centers_bed
 from tests.helpers.derived import derived
 
 

@@ -29,7 +29,7 @@ from rona_core.evaluation.milling_metrics import milled_again
 from rona_core.planning.rehearsal.rehearse import STEP_MM, rehearse
 from rona_core.session.codec import digest
 from rona_core.session.files import session_bytes, session_from_bytes
-from rona_core.virtual.milling.true_burr import true_centers_bed
+from rona_core.virtual.milling.milling_site import true_centers_bed
 from tests.helpers.ui.beds import bed_only
 from tests.scenes import demo_parts
 

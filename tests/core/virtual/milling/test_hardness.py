@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rona_core.virtual.milling.hardness import draw_force, measured
+from rona_core.virtual.milling.milling_site import draw_force, measured
 
 PLACE = np.zeros(3)
 

@@ -5,7 +5,7 @@ import pytest
 
 from rona_core.geometry.pose import Pose
 from rona_core.virtual.milling.left_bone import CELL_MM, LeftBone
-from rona_core.virtual.milling.milled_skull import MilledSkull
+from rona_core.virtual.milling.milling_site import MilledSkull
 
 DEPTHS = np.array((0.0, 1.5, 4.0, 6.0))  # of the four boundaries below z = 0
 

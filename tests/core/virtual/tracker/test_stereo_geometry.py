@@ -7,8 +7,13 @@ import pytest
 
 from rona_core.devices.settings import TrackerSettings
 from rona_core.devices.trackers import PYRAMID, SILO, VOLUMES
-from rona_core.virtual.tracker.marker_error import SPECS, marker_error, sample_volume
-from rona_core.virtual.tracker.stereo_geometry import moments_of, volume_grid
+from rona_core.virtual.tracker.marker_error import (
+    SPECS,
+    marker_error,
+    moments_of,
+    sample_volume,
+    volume_grid,
+)
 
 STEREO = ("polaris", "spectra", "vega")
 
