@@ -11,7 +11,7 @@ from rona_core.app.procedure import OFFERED, next_stage, run_procedure, stages
 from rona_core.app.report.report import session_report
 from rona_core.app.steps.implant.messages import StartBedSearch
 from rona_core.app.steps.implant.step import other_bed
-from rona_core.app.steps.maps.hidden_bone import LEAST_COVERAGE, judge_maps
+from rona_core.app.steps.maps.further_passes import LEAST_COVERAGE, judge_maps
 from rona_core.app.steps.maps.inputs import MAPS
 from rona_core.app.steps.scan.messages import StartQuickLook
 from rona_core.app.steps.setup.messages import SetProbe
@@ -19,7 +19,7 @@ from rona_core.compose import new_workbench
 from rona_core.ultrasound.detection.probe_choice import ProbeAdvice
 from tests.app.maps.further import covering
 
-HIDDEN = "rona_core.app.steps.maps.hidden_bone.probe_advice"
+HIDDEN = "rona_core.app.steps.maps.further_passes.probe_advice"
 
 
 def advised(monkeypatch, advice):

@@ -3,8 +3,7 @@
 from rona_core.app.declarations.inputs import Input, Quantity, given, inputs
 from rona_core.app.dependencies.staleness import result_input
 from rona_core.app.steps.acoustics.derivation import DETECTION
-from rona_core.app.steps.implant.burr.inputs import KNOWN_BURR
-from rona_core.app.steps.implant.burr.registration import BurrRegistration
+from rona_core.app.steps.implant.burr.inputs import KNOWN_BURR, BurrRegistration
 from rona_core.app.steps.implant.implant_bed import ImplantBed
 from rona_core.app.steps.implant.milling_plan import MillingPlan
 from rona_core.app.steps.maps.accuracy import OF_MAPS, TERMS

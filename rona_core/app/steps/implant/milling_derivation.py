@@ -6,7 +6,7 @@ import numpy as np
 
 from rona_core.app.runtime.process_pool import release_memory
 from rona_core.app.steps.implant.bed_milling import MillingView, bed_milling, robot_path_of
-from rona_core.app.steps.implant.burr.registration import BurrRegistration
+from rona_core.app.steps.implant.burr.inputs import BurrRegistration
 from rona_core.app.steps.implant.inputs import MillingInputs
 from rona_core.app.steps.implant.messages import PlanMilling
 from rona_core.app.steps.implant.milling_plan import MillingPlan

@@ -16,11 +16,11 @@ from rona_core.app.steps.maps.export import EXPORTS
 from rona_core.app.steps.maps.further_passes import (
     all_scanned,
     forget_corrections,
+    judge_maps,
     judge_passes,
     judge_plan,
     with_pass,
 )
-from rona_core.app.steps.maps.hidden_bone import judge_maps
 from rona_core.app.steps.maps.inputs import MAPS, SECOND
 from rona_core.app.steps.maps.messages import (
     StartComparison,

@@ -5,9 +5,8 @@ from typing import Literal
 import numpy as np
 
 from rona_core.app.declarations.figures import limit_of
-from rona_core.app.steps.implant.burr.inputs import BurrInputs
+from rona_core.app.steps.implant.burr.inputs import BurrInputs, BurrRegistration
 from rona_core.app.steps.implant.burr.messages import RegisterBurr
-from rona_core.app.steps.implant.burr.registration import BurrRegistration
 from rona_core.app.steps.tool.derivation import (
     excluded_mask,
     tool_dwells,

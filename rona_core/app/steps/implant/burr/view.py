@@ -3,7 +3,7 @@
 import numpy as np
 
 from rona_core.app.dependencies.judge import judge_part
-from rona_core.app.steps.implant.burr.registration import BurrRegistration
+from rona_core.app.steps.implant.burr.inputs import BurrRegistration
 from rona_core.mapping.accuracy.probe_place import SEAT_MM
 from rona_core.session.document import Session
 
