@@ -67,7 +67,7 @@ def page(found: Mapping[str, suite.CaseSamples]) -> str:
     for name, case in found.items():
         judged = [honesty(group) for group in grouped(case.samples).values()]
         lines += [
-            f"## {name.capitalize()}\n",
+            f"## {name[0].upper() + name[1:]}\n",
             f"{case.seeds} seeds, {case.refused:.0%} of them refused by a step.\n",
             row(*HEADS),
             row(*["---"] * len(HEADS)),

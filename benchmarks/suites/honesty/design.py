@@ -6,13 +6,14 @@ from rona_core.app.procedure import TO_MAPS, run_procedure
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.setup.messages import (
     SetPointer,
+    SetProbe,
     SetRobot,
     SetSeed,
     SetTracker,
     SetWorld,
 )
 from rona_core.compose import new_workbench
-from rona_core.devices.settings import PointerKind, TrackerProfile
+from rona_core.devices.settings import PointerKind, ProbeSettings, TrackerProfile
 from rona_core.errors import RonaError
 from rona_core.session.document import Session
 
@@ -42,7 +43,7 @@ def levels_of(seed: int) -> Levels:
     )
 
 
-def bench_of(seed: int) -> Workbench:
+def bench_of(seed: int, probe: str = ProbeSettings().name) -> Workbench:
     """Return a workbench in the realistic world of a seed with the devices of the design."""
     levels = levels_of(seed)
     bench = new_workbench(Session(name=f"honesty, seed {seed}"))
@@ -52,18 +53,19 @@ def bench_of(seed: int) -> Workbench:
         SetTracker(profile=levels.tracker),
         SetRobot(model=levels.robot),
         SetPointer(levels.pointer),
+        SetProbe(name=probe),
     ):
         bench.dispatch(message)
     return bench
 
 
-def session_of(seed: int) -> Session:
-    """Return the session of a seed after the whole procedure.
+def session_of(seed: int, probe: str = ProbeSettings().name) -> Session:
+    """Return the session of a seed after the whole procedure with a probe.
 
     Raises:
         RonaError: the procedure did not come to its end.
     """
-    bench = bench_of(seed)
+    bench = bench_of(seed, probe)
     try:
         ending = run_procedure(bench, TO_MAPS)
         session = bench.session

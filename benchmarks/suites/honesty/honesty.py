@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from types import ModuleType
 
 from benchmarks.metric import Metric, Progress
-from benchmarks.suites.honesty import latency, maps, navigation, thickness
+from benchmarks.suites.honesty import latency, maps, maps_at_1_mhz, navigation, thickness
 from benchmarks.suites.honesty.judged import Judged, grouped, honesty, rows
 from rona_core.errors import RonaError
 
@@ -17,6 +17,7 @@ CASES: Mapping[str, ModuleType] = {
     "navigation": navigation,
     "latency": latency,
     "maps": maps,
+    "maps at 1 MHz": maps_at_1_mhz,
     "thickness": thickness,
 }
 
