@@ -1,4 +1,4 @@
-"""Maps and A-scans of the 1 MHz probe against the truth: whole procedures in the realistic world."""
+"""Maps and A-scans of the 1 MHz probe against the truth, in the realistic world."""
 
 from collections.abc import Iterator
 from dataclasses import replace

@@ -5,7 +5,7 @@ import pytest
 
 from rona_core.virtual.acoustics.layered_reflection import step
 from tests.oracles import kwave_cases
-from tests.oracles.kspace_grid import BEHIND_MM, on_grid, record, rendered
+from tests.oracles.kspace_grid import BEHIND_MM, on_grid, record, rendered, tilted_front
 from tests.oracles.kwave_cases import stored_strip
 from tests.oracles.kwave_cells import LAYERS, WATER
 
@@ -42,3 +42,14 @@ def test_the_grid_gives_back_a_stored_field():
     assert np.linalg.norm(found - wave) < 5e-4 * np.linalg.norm(wave)
     front = slice(round(case.front_us[0] / case.step_us), None)
     assert np.linalg.norm((found - wave)[front]) < 1e-3 * np.linalg.norm(wave[front])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "most_db"), [("1mhz_flat", 0.3), ("2.25mhz_flat", 0.2)])
+def test_bone_tilted_as_in_the_further_passes_echoes_as_in_the_wave_equation(name, most_db):
+    """At five degrees the front echo has lost 14 dB; the model loses as much within a fraction."""
+    found = tilted_front(name, 5.0)
+    if found is None:
+        pytest.skip(f"no reference fields in {kwave_cases.SHARED}")
+    assert abs(found.front_db) < most_db
+    assert abs(found.front_ns) < 4.0
