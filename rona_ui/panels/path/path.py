@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from rona_core.app.declarations.figures import FIGURES
 from rona_core.app.steps.path.messages import (
     ClearPaintedRegions,
     GenerateScanPattern,
@@ -18,6 +19,8 @@ from rona_ui.presentation.colors import GREEN, VERMILLION, css
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import PAINTING, Drawing, ViewState
 from rona_ui.viewer.bindings import Event
+
+COVERAGE = FIGURES["coverage_predicted_fraction"]
 
 WORDS: dict[Drawing, str] = {"paint_scan": "to scan", "paint_avoid": "to avoid"}
 EXPLANATION = (
@@ -129,7 +132,7 @@ class PathPanel(StepPanel):
         words = f"{made} of {count} points (orange line)."
         share = expected_coverage(snapshot.session)
         if share is not None:
-            words += f" The scan would cover {100 * share:.0f} % of the region."
+            words += f" {COVERAGE.named(share)} of the region."
         return style.note(words, "good")
 
 
@@ -137,7 +140,7 @@ def _drawn_words(snapshot: Snapshot) -> str:
     """Return how much of the region the path that is being drawn would cover; empty before one."""
     picks = snapshot.view.picks
     share = expected_coverage(snapshot.session, picks) if len(picks) > 1 else None
-    return "" if share is None else f"It would cover {100 * share:.0f} % of the region."
+    return "" if share is None else f"{COVERAGE.named(share)} of the region."
 
 
 class PatternControls:

@@ -3,7 +3,13 @@
 from functools import partial
 from typing import Any, Literal
 
-from rona_core.app.steps.roll.certificate_view import CertificateView, CheckPlace, certificate_view
+from rona_core.app.steps.roll.certificate_view import (
+    CLEARANCE,
+    DURATION,
+    CertificateView,
+    CheckPlace,
+    certificate_view,
+)
 from rona_core.app.steps.roll.inputs import last_roll_search
 from rona_core.app.steps.roll.messages import (
     ApplyBasePlacement,
@@ -82,9 +88,9 @@ def verdict(view: CertificateView, *, stale: bool) -> str:
         return style.note(
             f"All {number} checks held, but inputs have changed since. Plan again.", "warn"
         )
-    words = f"Verified: all {number} checks hold over {view.duration_s:.1f} s of motion."
+    words = f"Verified: all {number} checks hold. {DURATION.named(view.duration_s)}."
     if view.min_clearance_mm is not None:
-        words += f" Minimum clearance {view.min_clearance_mm:.1f} mm."
+        words += f" {CLEARANCE.named(view.min_clearance_mm)}."
     return style.note(words, "good")
 
 
@@ -292,8 +298,8 @@ class RollPanel(StepPanel):
                 chosen = f"{search.verdicts[search.chosen].roll_deg:.0f}°"
             first = style.note(
                 f"{works} of {len(search.verdicts)} roll angles feasible. Selected {chosen}, "
-                f"duration {plan.trajectory.times_s[-1]:.1f} s, "
-                + ("verified." if certified else "refused by the verifier."),
+                f"{'verified' if certified else 'refused by the verifier'}. "
+                f"{DURATION.named(float(plan.trajectory.times_s[-1]))}.",
                 "good" if certified else "warn",
             )
             if view is not None and not certified:

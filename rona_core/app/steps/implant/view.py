@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rona_core.app.declarations.figures import FIGURES
 from rona_core.app.dependencies.judge import judge
 from rona_core.app.dependencies.staleness import required
 from rona_core.app.messages.message import message_from
@@ -107,13 +108,9 @@ def verdict(held: ImplantBed) -> str:
         return f"{held.implant} does not fit safely: {held.refusal}.{burr}"
     placed = held.placed
     lift = f" on a lift of {held.lift_mm:g} mm" if held.lift_mm > 0.0 else ""
+    sure = FIGURES["bed_probability"].words(placed.probability)
     screws = " and every screw holds" if placed.screws else ""
     return (
         f"{held.implant}{lift} fits: at least {held.limit_mm:g} mm of bone stay below the bed"
-        f"{screws} with a probability of {percent(placed.probability)}.{burr}"
+        f"{screws} with a probability of {sure}.{burr}"
     )
-
-
-def percent(probability: float) -> str:
-    """Return a probability in percent, never rounded to certainty."""
-    return "over 99.9 %" if probability > 0.999 else f"{100.0 * probability:.1f} %"
