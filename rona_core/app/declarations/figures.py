@@ -295,7 +295,7 @@ ROBOT_AND_SCAN = (
     ),
     Figure(
         "min_joint_margin_deg",
-        "Distance from joint limits, on the path",
+        "Distance from joint limits, path",
         "deg",
         "least distance of any joint from its limits, over the planned motion from first to last "
         "path point",
@@ -307,7 +307,7 @@ ROBOT_AND_SCAN = (
     ),
     Figure(
         "min_clearance_mm",
-        "Least clearance of the robot, whole motion",
+        "Least clearance, whole motion",
         "mm",
         "least distance, over the whole certified motion, of any two parts that must not touch: "
         "robot, tool, head, table, floor, tracker; by the modelled obstacles, not by the truth",
@@ -368,6 +368,16 @@ ROBOT_AND_SCAN = (
         "s",
         "duration of the planned and verified trajectory, approach and retract included",
         of="roll",
+        decimals=0,
+        truth_of="scan_duration_predicted_s",
+    ),
+    Figure(
+        "scan_duration_predicted_s",
+        "Scan duration, expected",
+        "s",
+        "predicted: what `scan_duration_s` is expected to be, before a motion is planned; by "
+        "length and way points of the smoothed path and the scan speed",
+        of="smoothing",
         decimals=0,
     ),
     Figure(
@@ -501,7 +511,7 @@ MAPS = (
     ),
     Figure(
         "thickness_sigma_predicted_mm",
-        "Thickness of sure A-scans, predicted",
+        "Thickness of A-scans, predicted",
         "mm",
         "predicted: standard deviation of a thickness; RMS over the sure A-scans of the root of "
         "the squared parts time of flight, speed of the patient (as far as studies differ), speed "

@@ -11,6 +11,7 @@ from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.dependencies.staleness import CAPTURE, stale_reason
 from rona_core.app.overview.figure_remedies import figure_remedy
 from rona_core.app.steps.path.path_checks import expected_coverage
+from rona_core.app.steps.roll.view import expected_duration
 from rona_core.app.steps.scan.landmarks.step import verification
 from rona_core.app.steps.scan.view import unwatched
 from rona_core.session.document import Session
@@ -154,6 +155,8 @@ def _known_at_once(session: Session) -> dict[str, float]:
         known["burr_tip_sigma_mm"] = burr.value.tip_sigma_mm
     if (share := expected_coverage(session)) is not None:
         known["coverage_predicted_fraction"] = share
+    if (duration_s := expected_duration(session)) is not None:
+        known["scan_duration_predicted_s"] = duration_s
     if results.smoothing is not None:
         known["path_deviation_max_mm"] = float(results.smoothing.value.from_filtered_mm.max())
     return known

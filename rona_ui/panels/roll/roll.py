@@ -3,6 +3,7 @@
 from functools import partial
 from typing import Any, Literal
 
+from rona_core.app.declarations.figures import FIGURES
 from rona_core.app.steps.roll.certificate_view import (
     CLEARANCE,
     DURATION,
@@ -17,7 +18,7 @@ from rona_core.app.steps.roll.messages import (
     StartRollSearch,
 )
 from rona_core.app.steps.roll.step import BasePlace, BasePlacement, fresh_placement, moves
-from rona_core.app.steps.roll.view import joint_curves, none_works
+from rona_core.app.steps.roll.view import expected_duration, joint_curves, none_works
 from rona_core.devices.limits import limits_of
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
@@ -37,6 +38,7 @@ from rona_ui.presentation.colors import (
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import escape
 
+EXPECTED = FIGURES["scan_duration_predicted_s"]
 NOTHING = "The verification appears here once a motion is planned (step 7)."
 NOWHERE = "Select a check"
 
@@ -281,10 +283,11 @@ class RollPanel(StepPanel):
             self._obstacles.value = "obstacles" not in new.view.hidden
 
     def remarks(self, snapshot: Snapshot) -> str:
-        """Say how many work, what the verifier says, and what the shown roll does."""
-        derived = snapshot.session.results.roll
+        """Say how long the scan will take, how many rolls work, and what the verifier says."""
+        expected_s, derived = expected_duration(snapshot.session), snapshot.session.results.roll
+        expected = "" if expected_s is None else style.text(f"{EXPECTED.named(expected_s)}.")
         if derived is None:
-            return ""
+            return expected
         plan, search = derived.value, derived.value.search
         works = sum(verdict.feasible for verdict in search.verdicts)
         if search.mode == "none" or plan.trajectory is None or plan.certificate is None:
@@ -313,4 +316,4 @@ class RollPanel(StepPanel):
             (css(VERMILLION), "infeasible"),
             (css(BLUE), "selected"),
         )
-        return first + second + style.key(legend)
+        return expected + first + second + style.key(legend)

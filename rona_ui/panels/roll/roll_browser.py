@@ -305,6 +305,7 @@ QUANTITIES: dict[str, Quantity] = {
     "Singularities": "singularity",
     "Collisions": "clearance",
 }
+CLEARANCE = FIGURES["min_clearance_mm"]
 JOINT_LIMITS = FIGURES["min_joint_margin_deg"]
 UNITS: dict[Quantity, str] = {
     "room": "Margin to limits, singularities, jumps and reach (1 is comfortable)",
@@ -339,7 +340,9 @@ class MarginControls:
             found = None
             if new.view.step in ("roll", "scan"):
                 found = path_margins(new.session, new.view.shown_roll)
-            self._bar.content = "" if found is None else bar(found, new.view.margin)
+            self._bar.content = (
+                "" if found is None else margin_words(found) + bar(found, new.view.margin)
+            )
         self._near.content = near_words(shown_clearances(new)) if has_view else ""
 
 
@@ -365,6 +368,16 @@ def bar(found: PathMargins, quantity: Quantity) -> str:
         f'</div><div class="r-bar" style="margin:2px 0 1px;flex:1;background:{viridis_css()}">'
         f'</div></div><div class="r-ticks" style="margin-left:30px">{ticks}'
         f"<span>{end}</span></div>{style.text(words)}"
+    )
+
+
+def margin_words(found: PathMargins) -> str:
+    """Return the least margins of the shown roll along the path, before a motion is planned."""
+    limits, clearance = found.values("limits").min(), found.values("clearance").min()
+    return style.text(
+        f"Least along the path: {JOINT_LIMITS.words(float(limits))} from joint limits, margin to "
+        f"singularities {found.values('singularity').min():.1f}, clearance "
+        f"{CLEARANCE.words(float(clearance))}."
     )
 
 

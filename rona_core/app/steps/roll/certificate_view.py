@@ -112,13 +112,17 @@ class CheckPlace:
 
     @property
     def value_words(self) -> str:
-        """The worst value with its unit."""
+        """The worst value with its unit; a clearance as the figure of all of them is shown."""
+        if self.check.name.startswith("clearance"):
+            return CLEARANCE.words(self.check.value, None if self.check.holds else self.check.limit)
         return f"{_number(self.check.value)} {self.check.unit}".rstrip()
 
     @property
     def limit_words(self) -> str:
         """What is allowed, with its unit."""
         sign = "≥" if self.at_least else "≤"
+        if self.check.name.startswith("clearance"):
+            return f"{sign} {CLEARANCE.words(self.check.limit)}"
         return f"{sign} {_number(self.check.limit)} {self.check.unit}".rstrip()
 
 
