@@ -210,7 +210,7 @@ def test_the_outline_of_the_implant_stands_on_the_bone_while_a_path_is_drawn(dem
     middle = np.median(cloud, axis=0)
     rings = np.concatenate(implant_named("BCI 602").outline())
     off_mm = np.linalg.norm(points - middle, axis=1)
-    assert off_mm.max() == pytest.approx(np.hypot(*rings.T, EXPECTED_MM).max(), abs=0.1)
+    assert off_mm.max() == pytest.approx(np.hypot(np.hypot(*rings.T).max(), EXPECTED_MM), abs=0.1)
     ExpectedOutlineLayer(nodes).render(None, snapshot(before, view=ViewState(step="setup")))
     assert not nodes.seen[EXPECTED]
 
