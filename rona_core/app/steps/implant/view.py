@@ -82,11 +82,11 @@ def expected_outline(session: Session, above_mm: float) -> tuple[Floats, ...]:
     if cloud is None:
         return ()
     try:
-        T_base_middle = surface_middle(cloud.points_base)
+        middle = surface_middle(cloud.points_base)
     except DegenerateGeometryError:
         return ()
     return tuple(
-        T_base_middle @ np.column_stack((ring, np.full(len(ring), above_mm)))
+        middle @ np.column_stack((ring, np.full(len(ring), above_mm)))
         for ring in implant_named(asked_implant(session)).outline()
     )
 
