@@ -107,7 +107,7 @@ def test_a_refused_text_is_explained_below_its_field_and_stays(surgeon: Surgeon)
     surgeon.page.keyboard.press("Enter")
     below.wait_for(state="hidden")
     surgeon.tab("Log")
-    assert frame.locator(".r-log", has_text=reason).filter(visible=True).is_visible()
+    frame.locator(".r-log", has_text=reason).filter(visible=True).first.wait_for()
     put(surgeon, "/undo", None)
     shows(field, held)
 
