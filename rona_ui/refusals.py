@@ -1,7 +1,7 @@
-"""Refusals of the sessions, kept for the log."""
+"""Refusals of the sessions: the newest stands on the page, all are kept for the log."""
 
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 
 KEPT = 60  # of each session, the newest
@@ -15,7 +15,10 @@ class Refusal:
     where: str  # step, or what was going on
     title: str
     body: str  # cause and remedy
-    time_utc: str
+    time_utc: str = field(
+        default_factory=lambda: datetime.now(UTC).isoformat(timespec="milliseconds")
+    )
+    explained: bool = False  # the reason stands beside what was refused
 
 
 class Refusals:
@@ -31,11 +34,10 @@ class Refusals:
         """How many there have been, of all sessions."""
         return self._count
 
-    def add(self, session_id: str, after: int, where: str, title: str, body: str) -> None:
-        """Keep a refusal of now."""
-        now = datetime.now(UTC).isoformat(timespec="milliseconds")
+    def add(self, session_id: str, refusal: Refusal) -> None:
+        """Keep a refusal."""
         with self._lock:
-            held = (*self._held.get(session_id, ()), Refusal(after, where, title, body, now))
+            held = (*self._held.get(session_id, ()), refusal)
             self._held[session_id] = held[-KEPT:]
             self._count += 1
 

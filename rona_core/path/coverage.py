@@ -8,6 +8,7 @@ from scipy.spatial import KDTree
 
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.arrays import Floats, as_points
+from rona_core.geometry.pose import Pose
 from rona_core.geometry.rigid_fit import fit_plane
 
 # Places this close to the path are mapped: 2.5 mm about its A-scans, less what smoothing takes off
@@ -31,16 +32,27 @@ def covered_share(path_base: ArrayLike, surface_base: ArrayLike, radius_mm: floa
     path, surface = as_points(path_base, at_least=1), as_points(surface_base, at_least=3)
     if radius_mm <= 0.0:
         raise DegenerateGeometryError(f"the region has a radius of {radius_mm:g} mm")
-    center = np.median(surface, axis=0)
-    normal = fit_plane(surface).normal
-    along = np.linalg.svd(np.eye(3) - np.outer(normal, normal))[0][:, :2]
-    steps = _dense((path - center) @ along)
+    steps = _dense((surface_middle(surface).inv() @ path)[:, :2])
     ticks = np.arange(-radius_mm, radius_mm + STEP_MM / 2.0, STEP_MM)
     u, v = np.meshgrid(ticks, ticks, indexing="ij")
     places = np.column_stack((u.ravel(), v.ravel()))
     places = places[np.hypot(*places.T) <= radius_mm]
     near = np.asarray(KDTree(steps).query(places, distance_upper_bound=REACH_MM)[0]) <= REACH_MM
     return float(near.mean())
+
+
+def surface_middle(surface_base: ArrayLike) -> Pose:
+    """Return the middle of a measured surface as a pose in base: z along the normal of its plane.
+
+    Its origin is the median of the points (m, 3), m >= 3; which way z points is not said.
+
+    Raises:
+        DegenerateGeometryError: the surface is no patch.
+    """
+    surface = as_points(surface_base, at_least=3)
+    normal = fit_plane(surface).normal
+    x = np.linalg.svd(np.eye(3) - np.outer(normal, normal))[0][:, 0]
+    return Pose(np.column_stack((x, np.cross(normal, x), normal)), np.median(surface, axis=0))
 
 
 def _dense(path: Floats) -> Floats:

@@ -114,7 +114,7 @@ def _print_figures(figures: dict[str, Any], session: Session) -> None:
     known = (figures.get(name) for name in ("specimen", "robot", "world"))
     head = ", ".join((f"seed {figures.get('seed')}", *map(str, known)))
     table = Table(title=f"Against ground truth: {head}", title_justify="left", pad_edge=False)
-    for column in ("figure", "value", "unit", "limit", "verdict", "paper"):
+    for column in ("figure", "value", "limit", "verdict", "paper"):
         right = column in ("value", "limit", "paper")
         table.add_column(column, justify="right" if right else "left")
     section = ""
@@ -123,14 +123,12 @@ def _print_figures(figures: dict[str, Any], session: Session) -> None:
             section = row.section
             table.add_section()
             table.add_row(Text(section, "bold"))
-        sign = "\u2264" if row.sense == "at most" else "\u2265"
         table.add_row(
             row.title,
-            _number(row.value, row.decimals),
-            row.unit,
-            "" if row.limit is None else f"{sign} {row.limit:g}",
+            row.value_words or "-",
+            row.limit_words,
             Text(row.verdict, COLOURS[row.verdict]) if row.verdict in COLOURS else "",
-            "" if row.paper is None else f"{row.paper:g}",
+            row.paper_words,
         )
     console = Console()
     console.print(table)
@@ -143,11 +141,3 @@ def _print_figures(figures: dict[str, Any], session: Session) -> None:
     else:
         text = f"ended at stage {figures.get('failed_step')}: {figures.get('reason')}"
         console.print(Text(text, "red"), soft_wrap=True)
-
-
-def _number(value: Any, decimals: int) -> str:
-    if value is None:
-        return "-"
-    if isinstance(value, bool | str):
-        return str(value)
-    return f"{value:.{decimals}f}"

@@ -101,7 +101,7 @@ def _maps(snapshot: Snapshot) -> str:
     maps, figures = made.value, snapshot.figures
     words = f"{maps.n_posed} of {maps.n_scans} A-scans have a pose. {maps.sentence}"
     rows = [
-        (escape(one.title), f"<b>{value:.{one.decimals}f} {one.unit}</b>")
+        (escape(one.title), f"<b>{one.words(value)}</b>")
         for one in HANDHELD
         if one.of == "sono_maps" and isinstance(value := figures.get(one.key), float)
     ]

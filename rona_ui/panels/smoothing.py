@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from rona_core.app.declarations.figures import FIGURES
 from rona_core.app.steps.path.messages import ClearPathEdits
 from rona_core.app.steps.path.path_checks import PathCheck, Stretch, check_path
 from rona_core.app.steps.smoothing.messages import SmoothScanPath
@@ -16,6 +17,8 @@ from rona_ui.presentation.colors import BLUE, PURPLE, STEEL, VERMILLION, css
 from rona_ui.presentation.shown import shown_path
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.presentation.view_state import EDITS, Drawing, Preview
+
+DEVIATION, DEVIATION_RAW = FIGURES["path_deviation_max_mm"], FIGURES["path_deviation_raw_max_mm"]
 
 HELP = {
     "move": (
@@ -144,9 +147,8 @@ def counts(view: PathView) -> str:
     least = "minimum" if view.exact else "fewer may suffice"
     by_hand = f" {view.by_hand} edited by hand." if view.by_hand else ""
     return style.note(
-        f"{len(view.raw_base)} points simplified to {count} ({least}).{by_hand} Maximum "
-        f"deviation {view.k1_filtered_mm:.2f} mm from the filtered samples, "
-        f"{view.k1_raw_mm:.2f} mm from the raw samples.",
+        f"{len(view.raw_base)} points simplified to {count} ({least}).{by_hand} "
+        f"{DEVIATION.named(view.k1_filtered_mm)}. {DEVIATION_RAW.named(view.k1_raw_mm)}.",
         "good",
     )
 

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from rona_core.app.declarations.figures import FIGURES
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.overview.predicted_accuracy import predict_skull_mm, predict_surface
 from rona_core.app.steps.surface.messages import (
@@ -18,6 +19,9 @@ from rona_ui.panels.widgets.capture_controls import DrawingControls, ImportContr
 from rona_ui.panels.widgets.step_panel import StepPanel
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import escape
+
+PREDICTED = FIGURES["surface_sigma_predicted_mm"]
+SKULL = FIGURES["skull_registration_sigma_mm"]
 
 
 class SurfacePanel(StepPanel):
@@ -82,7 +86,7 @@ class SurfacePanel(StepPanel):
         words = ""
         if expected is not None and expected.normal_mm is not None:
             words = (
-                f"Expected error (RMS): {expected.normal_mm:.2f} mm normal to the bone, "
+                f"{PREDICTED.named(expected.normal_mm)} normal to the bone, "
                 f"{expected.rms_mm:.2f} mm in 3D. Contributions: robot and tracker "
                 f"{expected.registration_mm:.2f}, pointer tip {expected.pointer_mm:.2f}, "
                 f"{expected.frames} averaged frames {expected.frame_mm:.2f}, tracker volume "
@@ -107,7 +111,7 @@ def registered(session: Session) -> str:
     sigma_mm = predict_skull_mm(session)
     expected = ""
     if sigma_mm is not None:
-        expected = f"Expected error at the points: {sigma_mm:.2f} mm. "
+        expected = f"{SKULL.named(sigma_mm)}. "
     icon, word, color, box = VERDICTS[found.verdict]
     reasons = "".join(f"<br>{escape(style.sentence(reason))}." for reason in found.reasons)
     stale = stale_reason("registration", session)

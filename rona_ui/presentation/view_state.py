@@ -72,6 +72,7 @@ LAYERS = {
     "fused": "Fused map",
     "second": "Tilted passes",
     "references": "Reference points",
+    "implant_outline": "Outline of the implant",
     "implant": "Implant",
     "bed": "Implant bed",
     "milling": "Milling path",
@@ -87,7 +88,8 @@ NEEDED: dict[str, frozenset[str]] = {
     "tool": _ROOM,
     "pointer": _ROOM,
     "surface": _ALWAYS | frozenset(("pointer", "region", "cloud", "registered_skull")),
-    "path": _ALWAYS | frozenset(("pointer", "region", "path", "painted")),
+    "path": _ALWAYS
+    | frozenset(("pointer", "region", "cloud", "implant_outline", "path", "painted")),
     "smoothing": _ALWAYS | frozenset(("path", "arrows", "warnings", "painted")),
     "roll": _ALWAYS | frozenset(("robot", "path", "rolls", "obstacles", "places")),
     "scan": _ALWAYS | frozenset(("robot", "path", "scan", "obstacles", "painted", "landmarks")),

@@ -7,7 +7,7 @@ import numpy as np
 from rona_core.app.steps.implant.bed_milling import MillingView
 from rona_core.app.steps.implant.bone_left import bone_left_mm, bone_over_bed
 from rona_core.app.steps.implant.implant_bed import LACKS, ImplantBed
-from rona_core.app.steps.implant.view import outline_base
+from rona_core.app.steps.implant.view import expected_outline, outline_base
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.mesh import Mesh
 from rona_core.geometry.pose import Pose
@@ -31,10 +31,12 @@ from rona_ui.presentation.shown import shown_milling
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.scene.cut_plane import cut_key, cut_plane, draw_cut
 from rona_ui.scene.layer import Layer, lift
+from rona_ui.scene.on_bone import on_bone
 from rona_ui.scene.viser_nodes import NO_LINES, SceneNodes, grid_faces, segments
 
 IMPLANT, IMPLANT_CUT, SCREWS = "/implant/body", "/implant/cut", "/implant/screws"
-OUTLINE = "/implant/outline"
+OUTLINE, EXPECTED = "/implant/outline", "/implant/expected"
+EXPECTED_MM = 1.2  # over the bone: above the path
 ASTRAY = "/implant/unmapped"
 POCKET, POCKET_CUT = "/bed/pocket", "/bed/cut"
 THINNEST, THINNEST_LABEL, LEADER = "/bed/thinnest", "/bed/thinnest_label", "/bed/leader"
@@ -89,6 +91,21 @@ class ImplantLayer(OfBed):
             )
             pairs = (view.placed.T_base_bed @ ends.reshape(-1, 3)).reshape(-1, 2, 3)
             self.nodes.lines(SCREWS, pairs, PURPLE, width_mm=screws[0].diameter_mm)
+
+
+class ExpectedOutlineLayer(Layer):
+    """Draws the outline of the implant on the bone, for a path that is still to be drawn."""
+
+    layer = "implant_outline"
+    follows = ("session.results", "static_scene")
+    names = (EXPECTED,)
+
+    def draw(self, new: Snapshot) -> None:
+        """Draw the outline; the bone hides no part of it."""
+        rings = expected_outline(new.session, EXPECTED_MM)
+        placed = [segments(on_bone(ring, new.static_scene, EXPECTED_MM)) for ring in rings]
+        lines = np.concatenate(placed) if placed else NO_LINES
+        self.nodes.lines(EXPECTED, lines, INK, width_px=2.5)
 
 
 def outline_on(view: MillingView, body: Mesh) -> Floats:

@@ -10,6 +10,7 @@ from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.scene.implant import (
     BedLayer,
     ChanceLayer,
+    ExpectedOutlineLayer,
     ImplantLayer,
     MilledBoneLayer,
     MillingLayer,
@@ -86,6 +87,7 @@ class SceneRenderer:
             WarningsLayer(self.nodes),
             EditLayer(self.nodes),
             PaintedLayer(self.nodes),
+            ExpectedOutlineLayer(self.nodes),
             RollsLayer(self.nodes),
             MarginsLayer(self.nodes),
             PlacesLayer(self.nodes, FLOOR_MM),

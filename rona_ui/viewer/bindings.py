@@ -62,9 +62,12 @@ class Bindings:
     def __init__(
         self,
         hub: SessionRegistry,
-        on_refusal: Callable[[Any, str, str], None] = lambda client, title, body: None,
+        on_refusal: Callable[[Any, str, str, bool], None] = lambda client, title, body, told: None,
     ) -> None:
-        """Start the queue; ``on_refusal(client, title, body)`` receives refusals."""
+        """Start the queue; ``on_refusal(client, title, body, explained)`` receives refusals.
+
+        ``explained`` says that the reason stands beside what was refused.
+        """
         self._hub = hub
         self._on_refusal = on_refusal
         self._ready = threading.Condition()
@@ -110,10 +113,10 @@ class Bindings:
             arguments = stop_or_leave, event.client
             threading.Thread(target=self._run_guarded, args=arguments, daemon=True).start()
 
-    def refuse(self, error: Exception, event: Event) -> None:
+    def refuse(self, error: Exception, event: Event, explained: bool = False) -> None:
         """Tell why something was not done that never came as far as the queue."""
         if event.client is not None:
-            self._on_refusal(event.client, *report_error(event.client, error))
+            self._on_refusal(event.client, *error_words(error), explained)
 
     # -------------------------------------------------------------- the queue
 
@@ -160,7 +163,7 @@ class Bindings:
         try:
             work()
         except Exception as error:  # reported in the browser; the queue goes on
-            self._on_refusal(client, *report_error(client, error))
+            self._on_refusal(client, *error_words(error), False)
 
     def close(self) -> None:
         """End the queue; what waits in it is dropped."""
@@ -169,18 +172,14 @@ class Bindings:
             self._ready.notify_all()
 
 
-def report_error(client: Any, error: Exception) -> tuple[str, str]:
-    """Show an error in one browser: cause and remedy, never a stack trace; return what it says."""
+def error_words(error: Exception) -> tuple[str, str]:
+    """Return title, and cause and remedy of an error; its stack trace goes to the server log."""
     if isinstance(error, OSError):
         error = storage_error(error)
     if isinstance(error, RonaError):
-        title, body, color = TITLES.get(error.code, "Refused"), in_words(str(error)), "orange"
-    else:
-        traceback.print_exception(error, file=sys.stderr)
-        title, color = "Internal error", "red"
-        body = "Defect in RONA: nothing was changed. See the server log."
-    notify(client, title, body, color)
-    return title, body
+        return TITLES.get(error.code, "Refused"), in_words(str(error))
+    traceback.print_exception(error, file=sys.stderr)
+    return "Internal error", "Defect in RONA: nothing was changed. See the server log."
 
 
 def notify(client: Any, title: str, body: str, color: str = "blue") -> None:

@@ -151,10 +151,10 @@ def _beside(uuid: str, hint: str | None, words: str = "") -> str:
 class Fields:
     """The gui of one browser; its fields for texts and numbers wait until the typing is finished.
 
-    ``refuse(error, event)`` reports what could not be taken.
+    ``refuse(error, event, explained)`` reports what could not be taken.
     """
 
-    def __init__(self, gui: Any, refuse: Callable[[Exception, Event], None]) -> None:
+    def __init__(self, gui: Any, refuse: Callable[[Exception, Event, bool], None]) -> None:
         self._gui, self._refuse = gui, refuse
         self._fields: dict[str, Field] = {}
         self._explained: Field | None = None
@@ -196,14 +196,14 @@ class Fields:
         try:
             field, part, text = self._read(event.target.value)
         except InvalidInputError as error:
-            self._refuse(error, event)
+            self._refuse(error, event, False)
             return
         try:
             changed = field.take(text, part)
         except InvalidInputError as error:
             self._explained = field
             field.explain(str(error))
-            self._refuse(error, event)
+            self._refuse(error, event, True)
             return
         if changed:
             await field.notify_listeners(event.client)

@@ -27,7 +27,7 @@ from rona_ui.labels import in_words, place_of
 from rona_ui.presentation.shown import replay_duration_s
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState
-from rona_ui.refusals import Refusals
+from rona_ui.refusals import Refusal, Refusals
 from rona_ui.viewer.bindings import TITLES, Bindings, notify
 from rona_ui.viewer.theme import set_theme
 from rona_ui.window.background import BackgroundFigures, BackgroundGrowth, StrokeGrowth
@@ -107,14 +107,18 @@ class Window:
         with self._lock:
             self._browsers.pop(client.client_id, None)
 
-    def _refuse(self, client: Any, title: str, body: str) -> None:
-        """Keep what a browser was refused, for the log."""
+    def _refuse(self, client: Any, title: str, body: str, explained: bool) -> None:
+        """Keep what a browser was refused: the page shows it, and the log."""
         with self._lock:
             browser = self._browsers.get(getattr(client, "client_id", -1))
-        with contextlib.suppress(NotFoundError):  # no session is open: no log either
+        where = place_of(None if browser is None else browser.view.step)
+        try:
             session = self._hub.get().session
-            where = place_of(None if browser is None else browser.view.step)
-            self._refusals.add(session.id, len(session.log), where, title, body)
+        except NotFoundError:  # no session is open: nothing is shown of it, and there is no log
+            notify(client, title, body, "orange")
+        else:
+            refusal = Refusal(len(session.log), where, title, body, explained=explained)
+            self._refusals.add(session.id, refusal)
         self._refusals.keep_only(self._hub.ids())
         self.wake()
 
@@ -141,7 +145,7 @@ class Window:
         now_s = time.monotonic()
         elapsed_s, self._last_s = now_s - self._last_s, now_s
         job = _newest(bench)
-        self._report_failure(bench, job, browsers)
+        self._report_failure(bench, job)
         base = self._snapshot(bench, job)
         for browser in browsers:
             if browser.view.playing:
@@ -199,9 +203,7 @@ class Window:
         self._subscriptions.callback(bench.jobs.subscribe(lambda status: self.wake()))
         self._reported = {status.id for status in bench.jobs.all() if status.finished}
 
-    def _report_failure(
-        self, bench: Workbench, job: JobStatus | None, browsers: tuple[Browser, ...]
-    ) -> None:
+    def _report_failure(self, bench: Workbench, job: JobStatus | None) -> None:
         if job is None or not job.finished or job.id in self._reported:
             return
         self._reported.add(job.id)
@@ -212,9 +214,7 @@ class Window:
         body = in_words(job.error) if known else "Defect in RONA: see the server log."
         session = bench.session
         where = place_of(None, job.activity)
-        self._refusals.add(session.id, len(session.log), where, title, body)
-        for browser in browsers:
-            notify(browser.client, title, body, "orange" if known else "red")
+        self._refusals.add(session.id, Refusal(len(session.log), where, title, body))
 
 
 def _newest(bench: Workbench) -> JobStatus | None:

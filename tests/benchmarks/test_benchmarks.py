@@ -238,8 +238,9 @@ def test_the_procedure_is_summed_up_over_runs():
     assert "| surface_rms_mm (worst) | 2.5 | 2.5 | mm |" in text
     assert "1 of 9 runs were refused by a step, and 0 have" in text
     unsure = Run("simulated", 9, {**good, "thickness_sigma_predicted_mm": 0.4})
-    assert "and 1 have a predicted figure beyond its limit (Thickness, predicted 1)." in page(
-        {"realistic": [*done, unsure]}
+    assert (
+        "and 1 have a predicted figure beyond its limit (Thickness of A-scans, predicted 1)."
+        in page({"realistic": [*done, unsure]})
     )
     assert "no: roll" in text
     header = next(line for line in text.splitlines() if line.startswith("| skull"))

@@ -14,6 +14,8 @@ from rona_core.calibration.hand_eye.quality import GOOD_MM as GOOD_TOOL_MM
 from rona_core.calibration.pivot.quality import GOOD_SIGMA_MM as GOOD_POINTER_MM
 
 Sense = Literal["at most", "at least"]
+UNITS = {"": "", "deg": "°"}  # that follow a number otherwise than after a space
+MOST_DECIMALS = 6  # that tell a value from the limit that it misses
 
 OF_CALIBRATION = "from there on the verdict of the calibration is not good"
 OF_THE_PAPER = "the paper"
@@ -37,6 +39,32 @@ class Figure:
     paper: float | None = None  # what the paper reports
     truth_of: str = ""  # key of the prediction that this is the truth of
     own_verdict: bool = False  # the verdict that the result states itself counts too
+    share: bool = False  # of one; shown in percent
+
+    def words(self, value: float, missed: float | None = None) -> str:
+        """Return a value with its unit, as it is shown everywhere.
+
+        Args:
+            value: In the unit of the figure; a share of one.
+            missed: Limit that the value does not keep: it is not rounded to it.
+        """
+        if self.share and self.decimals > 2:
+            return percent(value)
+        factor, places = (100.0, self.decimals - 2) if self.share else (1.0, self.decimals)
+        value, unit = factor * value, "%" if self.share else self.unit
+        if missed is not None:
+            while places < MOST_DECIMALS and round(abs(value) - factor * missed, places) == 0.0:
+                places += 1
+        return f"{round(value, places) + 0.0:.{places}f}{UNITS.get(unit, f' {unit}')}"
+
+    def named(self, value: float) -> str:
+        """Return the title, and a value with its unit."""
+        return f"{self.title} {self.words(value)}"
+
+
+def percent(probability: float) -> str:
+    """Return a probability in percent, never rounded to certainty."""
+    return "over 99.9 %" if probability > 0.999 else f"{100.0 * probability:.1f} %"
 
 
 CALIBRATION = (
@@ -186,6 +214,7 @@ SURFACE_AND_PATH = (
         limit=0.9,
         source="as `coverage_fraction`",
         sense="at least",
+        share=True,
     ),
     Figure(
         "path_points_smoothed",
@@ -266,7 +295,7 @@ ROBOT_AND_SCAN = (
     ),
     Figure(
         "min_joint_margin_deg",
-        "Distance from joint limits",
+        "Distance from joint limits, path",
         "deg",
         "least distance of any joint from its limits, over the planned motion from first to last "
         "path point",
@@ -278,7 +307,7 @@ ROBOT_AND_SCAN = (
     ),
     Figure(
         "min_clearance_mm",
-        "Least clearance of the robot",
+        "Least clearance, whole motion",
         "mm",
         "least distance, over the whole certified motion, of any two parts that must not touch: "
         "robot, tool, head, table, floor, tracker; by the modelled obstacles, not by the truth",
@@ -340,6 +369,16 @@ ROBOT_AND_SCAN = (
         "duration of the planned and verified trajectory, approach and retract included",
         of="roll",
         decimals=0,
+        truth_of="scan_duration_predicted_s",
+    ),
+    Figure(
+        "scan_duration_predicted_s",
+        "Scan duration, expected",
+        "s",
+        "predicted: what `scan_duration_s` is expected to be, before a motion is planned; by "
+        "length and way points of the smoothed path and the scan speed",
+        of="smoothing",
+        decimals=0,
     ),
     Figure(
         "contact_force_rms_n",
@@ -369,6 +408,7 @@ ROBOT_AND_SCAN = (
         "no truth: how far the head lay in the scan, in the mean, from where it lay in step 4, at "
         "the middle of the scan, as its marker shows it; null where it was not watched",
         of="capture scan",
+        decimals=3,
     ),
     Figure(
         "head_shift_sigma_mm",
@@ -471,7 +511,7 @@ MAPS = (
     ),
     Figure(
         "thickness_sigma_predicted_mm",
-        "Thickness, predicted",
+        "Thickness of A-scans, predicted",
         "mm",
         "predicted: standard deviation of a thickness; RMS over the sure A-scans of the root of "
         "the squared parts time of flight, speed of the patient (as far as studies differ), speed "
@@ -525,6 +565,7 @@ MAPS = (
         source=WORST_OF_RESULTS,
         sense="at least",
         truth_of="coverage_predicted_fraction",
+        share=True,
     ),
     Figure(
         "inner_coverage_fraction",
@@ -536,6 +577,7 @@ MAPS = (
         source=f"{WORST_OF_RESULTS}. One pass alone leaves gaps in the inner map, and is for "
         "review until the tilted ones",
         sense="at least",
+        share=True,
     ),
     Figure(
         "inner_coverage_one_pass_fraction",
@@ -543,6 +585,7 @@ MAPS = (
         "",
         "share of the disc with an inner sample of the first pass within 2.5 mm",
         of="maps",
+        share=True,
     ),
     Figure(
         "detection_failure_fraction",
@@ -554,6 +597,7 @@ MAPS = (
         "counts as wrong, too. An A-scan without an answer counts as wrong. Where the bone has no "
         "inner boundary, only an unflagged answer is wrong",
         of="detection",
+        share=True,
     ),
     Figure(
         "unflagged_failure_fraction",
@@ -564,6 +608,7 @@ MAPS = (
         of="detection",
         limit=0.04,
         source="chosen: flagged, not guessed (docs/metrics.md)",
+        share=True,
     ),
     Figure(
         "flagged_fraction",
@@ -571,6 +616,7 @@ MAPS = (
         "",
         "share of A-scans that are flagged",
         of="detection",
+        share=True,
     ),
 )
 
@@ -581,6 +627,7 @@ OUTER_CAUSES = (
         "mm",
         "systematic error of the robot",
         of="maps",
+        decimals=3,
     ),
     Figure(
         "outer_by_head_mm",
@@ -588,6 +635,7 @@ OUTER_CAUSES = (
         "mm",
         "what the marker on the head left of its motion",
         of="maps",
+        decimals=3,
     ),
     Figure(
         "outer_by_probe_mm",
@@ -595,6 +643,7 @@ OUTER_CAUSES = (
         "mm",
         "what all A-scans have in common besides: mounting, delay line, coupling",
         of="maps",
+        decimals=3,
     ),
     Figure(
         "outer_by_sampling_mm",
@@ -603,6 +652,7 @@ OUTER_CAUSES = (
         "what cells err by besides: what each echo has for itself, what it averages of rough "
         "bone, and what lies between A-scans, which echoes cannot tell apart",
         of="maps",
+        decimals=3,
     ),
 )
 
@@ -614,6 +664,7 @@ THICKNESS_CAUSES = (
         "mean speed of sound of the patient, with what all its echoes have in common (a late echo "
         "and a slow bone cannot be separated, and with reference points they partly cancel)",
         of="maps",
+        decimals=3,
     ),
     Figure(
         "thickness_by_place_mm",
@@ -621,6 +672,7 @@ THICKNESS_CAUSES = (
         "mm",
         "speed of sound from place to place",
         of="maps",
+        decimals=3,
     ),
     Figure(
         "thickness_by_echo_mm",
@@ -628,6 +680,7 @@ THICKNESS_CAUSES = (
         "mm",
         "what each echo has for itself",
         of="maps",
+        decimals=3,
     ),
     Figure(
         "thickness_by_interpolation_mm",
@@ -635,6 +688,7 @@ THICKNESS_CAUSES = (
         "mm",
         "cells between A-scans and within the beam",
         of="maps",
+        decimals=3,
     ),
 )
 
@@ -669,6 +723,7 @@ IMPLANT_BED = (
         "screw finds its bone; least of these. Null where there is no bed",
         of="bed",
         decimals=3,
+        share=True,
     ),
     Figure(
         "bed_residual_mm",
@@ -807,6 +862,7 @@ HANDHELD = (
         limit=0.9,
         source="the worst of the scans by hand: the outer boundary is covered wholly",
         sense="at least",
+        share=True,
     ),
     Figure(
         "sono_inner_coverage_fraction",
@@ -817,6 +873,7 @@ HANDHELD = (
         limit=0.9,
         source="the worst of the scans by hand",
         sense="at least",
+        share=True,
     ),
 )
 

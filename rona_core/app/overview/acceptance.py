@@ -11,6 +11,7 @@ from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.dependencies.staleness import CAPTURE, stale_reason
 from rona_core.app.overview.figure_remedies import figure_remedy
 from rona_core.app.steps.path.path_checks import expected_coverage
+from rona_core.app.steps.roll.view import expected_duration
 from rona_core.app.steps.scan.landmarks.step import verification
 from rona_core.app.steps.scan.view import unwatched
 from rona_core.session.document import Session
@@ -20,8 +21,8 @@ Verdict = Literal["pass", "review", "fail", "none"]  # none: no limit, or no val
 REVIEW_SHARE = 0.5  # a figure that misses its limit by up to this share is for review
 
 
-@dataclass(frozen=True, slots=True)
-class QualityRow:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JudgedFigure:
     """One figure of a session and its verdict; one of a stale result has no value."""
 
     key: str
@@ -38,6 +39,12 @@ class QualityRow:
     step: str  # that it judges
     reason: str = ""  # why it does not pass, where that is known
     stale_reason: str | None = None  # why it is left out
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class QualityRow(JudgedFigure):
+    """One figure with its verdict, and what mends it; all pages show the same words of it."""
+
     remedy: Remedy | None = None  # what mends it, where it does not pass
 
     @property
@@ -47,15 +54,16 @@ class QualityRow:
             return f"{self.title}: {self.reason or self.value}"
         words = f"{self.title} {self.value_words}"
         if self.limit is not None:
-            words += f" (limit {self.limit:.{self.decimals}f})"
+            words += f" (limit {FIGURES[self.key].words(self.limit)})"
         return f"{words}: {self.reason}" if self.reason else words
 
     @property
     def value_words(self) -> str:
-        """Value with its unit."""
+        """Value with its unit; empty without one."""
         if isinstance(self.value, bool) or not isinstance(self.value, int | float):
-            return str(self.value)
-        return f"{self.value:.{self.decimals}f} {self.unit}".rstrip()
+            return "" if self.value is None else str(self.value)
+        missed = self.limit if self.verdict in MISSED else None
+        return FIGURES[self.key].words(self.value, missed)
 
     @property
     def limit_words(self) -> str:
@@ -63,7 +71,12 @@ class QualityRow:
         if self.limit is None:
             return ""
         sign = "≤" if self.sense == "at most" else "≥"
-        return f"{sign} {self.limit:.{self.decimals}f} {self.unit}".rstrip()
+        return f"{sign} {FIGURES[self.key].words(self.limit)}"
+
+    @property
+    def paper_words(self) -> str:
+        """Value that the paper reports, with its unit; empty without one."""
+        return "" if self.paper is None else FIGURES[self.key].words(self.paper)
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,6 +155,8 @@ def _known_at_once(session: Session) -> dict[str, float]:
         known["burr_tip_sigma_mm"] = burr.value.tip_sigma_mm
     if (share := expected_coverage(session)) is not None:
         known["coverage_predicted_fraction"] = share
+    if (duration_s := expected_duration(session)) is not None:
+        known["scan_duration_predicted_s"] = duration_s
     if results.smoothing is not None:
         known["path_deviation_max_mm"] = float(results.smoothing.value.from_filtered_mm.max())
     return known

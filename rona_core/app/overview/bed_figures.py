@@ -1,9 +1,10 @@
 """Figures of an implant bed and its milling as rows of words: panel and report show them."""
 
+from rona_core.app.declarations.figures import FIGURES, percent
 from rona_core.app.steps.implant.bed_milling import MillingView
 from rona_core.app.steps.implant.implant_bed import ImplantBed, PlacedBed
-from rona_core.app.steps.implant.view import percent
 
+RESIDUAL = FIGURES["bed_residual_mm"]
 Rows = list[tuple[str, str]]
 SCREW_HEAD = ("Screw", "Length", "Bone", "Holds")
 LIFT_HEAD = ("Lift", "Best place", "")
@@ -15,7 +16,7 @@ def bed_rows(bed: ImplantBed, placed: PlacedBed) -> Rows:
     if placed.residual_mm is not None and placed.chance is not None:
         chance = placed.chance
         rows += [
-            ("Least bone below, by the maps", f"{placed.residual_mm:.2f} mm"),
+            (RESIDUAL.title, RESIDUAL.words(placed.residual_mm)),
             (f"Probability of {bed.limit_mm:g} mm", percent(chance.probability)),
             ("… 95 % interval", f"{percent(chance.low)} to {percent(chance.high)}"),
         ]
@@ -63,7 +64,7 @@ def milling_rows(milling: MillingView) -> Rows:
     )
     burrs = " and ".join(f"{burr.diameter_mm:g}" for burr in milling.path.burrs)
     return [
-        ("Duration", f"{minutes} min {seconds:02d} s"),
+        ("Milling alone, at its feeds", f"{minutes} min {seconds:02d} s"),
         ("Path", f"{milling.path.length_mm() / 1000.0:.2f} m"),
         ("Layers", f"{int(milling.path.layers[-1]) + 1}"),
         ("Burr, diameter", f"{burrs} mm"),

@@ -15,6 +15,7 @@ from rona_core.app.dependencies.staleness import required
 from rona_core.app.steps.acoustics.thickness_uncertainty import thickness_shares
 from rona_core.app.steps.path.path_checks import expected_coverage
 from rona_core.app.steps.pointer.derivation import EVIDENCE, Evidence, repeating_errors
+from rona_core.app.steps.roll.view import expected_duration
 from rona_core.app.steps.scan.view import head_figures
 from rona_core.app.steps.surface.derivation import Strokes
 from rona_core.calibration.error_propagation import MapSetup, predict_map_error
@@ -203,6 +204,7 @@ def predicted_figures(session: Session) -> dict[str, float | None]:
         "surface_sigma_predicted_mm": None if surface is None else surface.normal_mm,
         "skull_registration_sigma_mm": predict_skull_mm(session),
         "coverage_predicted_fraction": expected_coverage(session),
+        "scan_duration_predicted_s": expected_duration(session),
         "thickness_sigma_predicted_mm": None if thickness is None else thickness.total_mm,
         **_landmark_figures(session),
         **_burr_figures(session),

@@ -75,7 +75,7 @@ def session_report(session: Session, figures: Mapping[str, Any], origin: str | N
         bed_section(session),
         procedure_section(states, rows),
         quality_section(rows, with_truth),
-        calibration_section(session),
+        calibration_section(session, rows),
         motion_section(session),
         _provenance(session),
         tag("footer", f"RONA {__version__}. {NOT_MEDICAL}"),

@@ -1,7 +1,8 @@
 """Sections of the report about steps, figures, calibrations, the motion and the bed."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
+from rona_core.app.declarations.figures import percent
 from rona_core.app.dependencies.judge import StepState
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.overview.acceptance import QualityRow, judgement, quality_table
@@ -24,8 +25,10 @@ from rona_core.app.steps.implant.rehearsal import (
     rehearsal_stale,
     rehearsal_verdict,
 )
-from rona_core.app.steps.implant.view import milling_view, percent, verdict
+from rona_core.app.steps.implant.view import milling_view, verdict
 from rona_core.app.steps.roll.certificate_view import (
+    CLEARANCE,
+    DURATION,
     CertificateView,
     certificate_view,
     plan_reason,
@@ -101,10 +104,11 @@ def quality_section(rows: tuple[QualityRow, ...], with_truth: bool) -> Html:
     return joined(parts)
 
 
-def calibration_section(session: Session) -> Html:
+def calibration_section(session: Session, rows: Iterable[QualityRow]) -> Html:
     """Return how good the calibrations are expected to be, and the transforms that they made."""
     parts = [tag("h2", "Calibration and registration")]
-    parts += [_calibration(session, step, title) for step, title in TITLES]
+    judged = {row.key: row for row in rows}
+    parts += [_calibration(session, judged, step, title) for step, title in TITLES]
     lines: list[str] = []
     tool, mounting, head = session.results.tool, mounting_words(session), head_report(session)
     if tool is not None and tool.value.delay is not None:
@@ -134,7 +138,9 @@ def calibration_section(session: Session) -> Html:
 _FRAMES = ("name", "name", "n own", "n own", "n own", "n own", "v")
 
 
-def _calibration(session: Session, step: Step, title: str) -> Html:
+def _calibration(
+    session: Session, judged: Mapping[str, QualityRow], step: Step, title: str
+) -> Html:
     found, reason = calibration_view(session, step), stale_reason(step, session)
     head = tag("h3", title)
     if found is None:
@@ -142,9 +148,8 @@ def _calibration(session: Session, step: Step, title: str) -> Html:
     if reason is not None:
         return joined((head, note(f"Stale, left out: {reason}.", "warn")))
     rows = [
-        (part.title, f"{part.sigma_mm:.2f} mm", f"≤ {part.limit_mm:.2f} mm")
-        + (badge("pass" if part.good else "review"),)
-        for part in found.expected
+        (row.title, row.value_words, row.limit_words, badge(row.verdict))
+        for row in (judged[part.key] for part in found.expected)
     ]
     words = (
         f"{found.n_used} of {len(found.marks)} poses used, residual {found.rmse_mm:.2f} mm (RMS). "
@@ -181,10 +186,11 @@ def motion_section(session: Session) -> Html:
     if found is None:
         why = plan_reason(session) or roll_summary(session)
         return joined((title, note(f"No motion: {why}.", "warn")))
-    clear = "" if found.min_clearance_mm is None else f", clearance {found.min_clearance_mm:.1f} mm"
+    clear = "" if found.min_clearance_mm is None else f". {CLEARANCE.named(found.min_clearance_mm)}"
     words = (
         f"An independent verifier, with forward kinematics of its own, "
-        f"{'certifies' if found.certified else 'refuses'} the motion of {found.duration_s:.1f} s"
+        f"{'certifies' if found.certified else 'refuses'} the motion of "
+        f"{DURATION.words(found.duration_s)}"
         f"{clear}. {roll_summary(session)}."
     )
     rows = [

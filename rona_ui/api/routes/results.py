@@ -11,11 +11,10 @@ import numpy as np
 from fastapi import APIRouter, Path, Query, Response
 from fastapi.responses import HTMLResponse
 
-from rona_core.app.declarations.figures import Sense
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.judge import StepState, step_states
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.overview.acceptance import QualityRow, Verdict, quality_rows
+from rona_core.app.overview.acceptance import JudgedFigure, QualityRow, quality_rows
 from rona_core.app.overview.frame_graph import frame_rows
 from rona_core.app.report.page import POLICY
 from rona_core.app.report.report import workbench_report
@@ -221,24 +220,12 @@ def list_frames(bench: Bench) -> list[FrameInfo]:
     ]
 
 
-@dataclass(frozen=True, slots=True)
-class FigureRow:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FigureRow(JudgedFigure):
     """One figure of a session and its verdict; one of a stale result has no value."""
 
-    key: str
-    title: str
-    value: float | int | str | bool | None
-    unit: str
-    decimals: int
-    limit: float | None
-    sense: Sense
-    verdict: Verdict
-    paper: float | None
-    section: str  # of the table of figures
-    says: str  # what it means
-    step: str  # that it judges
-    reason: str  # why it does not pass, where that is known
-    stale_reason: str | None  # why it is left out
+    shown: str  # value with its unit, as the page shows it; empty without one
+    limit_shown: str  # limit with its sign and unit; empty without one
     remedy: str | None  # what mends it, in words; null where it passes or nothing is known to
     message: Sent | None  # that does it; null where a person must act
 
@@ -253,12 +240,14 @@ def list_figures(bench: Bench) -> list[FigureRow]:
 
 
 def _figure_row(row: QualityRow) -> FigureRow:
-    names = {field.name for field in dataclasses.fields(row)} - {"value", "remedy"}
+    names = {field.name for field in dataclasses.fields(JudgedFigure)} - {"value"}
     remedy = row.remedy
     message = None if remedy is None else remedy.message
     return FigureRow(
         **{name: getattr(row, name) for name in names},
         value=plain(row.value),
+        shown=row.value_words,
+        limit_shown=row.limit_words,
         remedy=None if remedy is None else remedy.words,
         message=None if message is None else sent(message),
     )

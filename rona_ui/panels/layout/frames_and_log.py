@@ -1,4 +1,4 @@
-"""Read-only lists: the frame graph, the log, and what was refused."""
+"""Read-only: the frame graph, the log, and what was refused last."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -18,7 +18,7 @@ from rona_ui.viewer.bindings import escape
 
 
 class Refused:
-    """What was refused: the newest while nothing has been done since, and all of the session."""
+    """What was refused last, until something is done; the log keeps it."""
 
     def __init__(self, gui: Any) -> None:
         self._html = gui.add_html("")
@@ -30,27 +30,18 @@ class Refused:
 
 
 def refused(snapshot: Snapshot) -> str:
-    """Return the refusals as HTML.
+    """Return the newest refusal as HTML; empty once something was done.
 
-    That of the active step stands in full until it is outdated, the others in a list to be opened.
+    It is empty as well where the reason stands beside what was refused. In another step than where
+    it happened it says where that was.
     """
-    refusals = snapshot.refusals
-    if not refusals:
+    newest = snapshot.refusals[-1] if snapshot.refusals else None
+    if newest is None or newest.explained or newest.after != len(snapshot.session.log):
         return ""
-    newest, here = refusals[-1], place_of(snapshot.view.step)
-    of_now = newest.after == len(snapshot.session.log) and newest.where.startswith(here)
-    full = style.note(f"✖ {newest.title}. {newest.body}", "warn") if of_now else ""
-    others = refusals[:-1] if of_now else refusals
-    if not others:
-        return full
-    lines = "".join(
-        f"<li><span>{escape(r.time_utc[11:19])} UTC, {escape(r.where or 'session')}</span><br>"
-        f"<b>{escape(r.title)}</b>: {escape(r.body)}</li>"
-        for r in reversed(others)
-    )
-    count = "1 message" if len(others) == 1 else f"{len(others)} messages"
-    title = f"{count}: what was not done, and why"
-    return f'{full}<details class="r-refused"><summary>{title}</summary><ul>{lines}</ul></details>'
+    elsewhere = newest.where and not newest.where.startswith(place_of(snapshot.view.step))
+    where = f"{newest.where}: " if elsewhere else ""
+    words = f"✖ {where}{newest.title}. {newest.body}"
+    return f'<div role="alert">{style.note(words, "warn")}</div>'
 
 
 NEWEST = 60

@@ -2,6 +2,8 @@
 
 from typing import Any
 
+from rona_core.app.declarations.figures import FIGURES
+from rona_core.app.steps.implant.view import asked_implant
 from rona_core.app.steps.path.messages import (
     ClearPaintedRegions,
     GenerateScanPattern,
@@ -14,10 +16,12 @@ from rona_ui.panels.widgets.capture_controls import DrawingControls, ImportContr
 from rona_ui.panels.widgets.form import Form
 from rona_ui.panels.widgets.panel_context import PanelContext
 from rona_ui.panels.widgets.step_panel import StepPanel
-from rona_ui.presentation.colors import GREEN, VERMILLION, css
+from rona_ui.presentation.colors import BLUE, GREEN, INK, ORANGE, PURPLE, VERMILLION, css
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import PAINTING, Drawing, ViewState
 from rona_ui.viewer.bindings import Event
+
+COVERAGE = FIGURES["coverage_predicted_fraction"]
 
 WORDS: dict[Drawing, str] = {"paint_scan": "to scan", "paint_avoid": "to avoid"}
 EXPLANATION = (
@@ -100,6 +104,7 @@ class PathPanel(StepPanel):
         """Add duration, spacing, drawing."""
         self.form.of(StartPathCapture, "duration_s", "spacing_mm")
         self._drawing = DrawingControls(self.gui, self.context, "path", self._line)
+        self._key = self.gui.add_html("")
         self._painting = PaintingControls(self.gui, self.context)
         self._pattern = PatternControls(self.gui, self.context)
         self._import = ImportControls(self.gui, self.context, "path")
@@ -115,6 +120,7 @@ class PathPanel(StepPanel):
     def update(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow drawing."""
         self._drawing.render(new, _drawn_words(new))
+        self._key.content = style.key(scene_key(new))
         self._painting.render(new)
         self._pattern.render(new)
         self._import.render(new)
@@ -126,18 +132,30 @@ class PathPanel(StepPanel):
             return ""
         made = "Pattern" if derived.message == "GenerateScanPattern" else "Demonstrated path"
         count = len(derived.value.points_base)
-        words = f"{made} of {count} points (orange line)."
+        words = f"{made} of {count} points."
         share = expected_coverage(snapshot.session)
         if share is not None:
-            words += f" The scan would cover {100 * share:.0f} % of the region."
+            words += f" {COVERAGE.named(share)} of the region."
         return style.note(words, "good")
+
+
+def scene_key(snapshot: Snapshot) -> tuple[tuple[str, str], ...]:
+    """Return colour and word of what the scene shows in this step."""
+    session = snapshot.session
+    key = [(css(PURPLE), "region")]
+    if session.results.surface is not None:
+        key += [(css(BLUE), "measured surface")]
+        key += [(css(INK), f"outline of {asked_implant(session)}")]
+    if session.results.path is not None:
+        key += [(css(ORANGE), "path")]
+    return tuple(key)
 
 
 def _drawn_words(snapshot: Snapshot) -> str:
     """Return how much of the region the path that is being drawn would cover; empty before one."""
     picks = snapshot.view.picks
     share = expected_coverage(snapshot.session, picks) if len(picks) > 1 else None
-    return "" if share is None else f"It would cover {100 * share:.0f} % of the region."
+    return "" if share is None else f"{COVERAGE.named(share)} of the region."
 
 
 class PatternControls:

@@ -3,7 +3,14 @@
 from functools import partial
 from typing import Any, Literal
 
-from rona_core.app.steps.roll.certificate_view import CertificateView, CheckPlace, certificate_view
+from rona_core.app.declarations.figures import FIGURES
+from rona_core.app.steps.roll.certificate_view import (
+    CLEARANCE,
+    DURATION,
+    CertificateView,
+    CheckPlace,
+    certificate_view,
+)
 from rona_core.app.steps.roll.inputs import last_roll_search
 from rona_core.app.steps.roll.messages import (
     ApplyBasePlacement,
@@ -11,7 +18,7 @@ from rona_core.app.steps.roll.messages import (
     StartRollSearch,
 )
 from rona_core.app.steps.roll.step import BasePlace, BasePlacement, fresh_placement, moves
-from rona_core.app.steps.roll.view import joint_curves, none_works
+from rona_core.app.steps.roll.view import expected_duration, joint_curves, none_works
 from rona_core.devices.limits import limits_of
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
@@ -31,6 +38,7 @@ from rona_ui.presentation.colors import (
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import escape
 
+EXPECTED = FIGURES["scan_duration_predicted_s"]
 NOTHING = "The verification appears here once a motion is planned (step 7)."
 NOWHERE = "Select a check"
 
@@ -82,9 +90,9 @@ def verdict(view: CertificateView, *, stale: bool) -> str:
         return style.note(
             f"All {number} checks held, but inputs have changed since. Plan again.", "warn"
         )
-    words = f"Verified: all {number} checks hold over {view.duration_s:.1f} s of motion."
+    words = f"Verified: all {number} checks hold. {DURATION.named(view.duration_s)}."
     if view.min_clearance_mm is not None:
-        words += f" Minimum clearance {view.min_clearance_mm:.1f} mm."
+        words += f" {CLEARANCE.named(view.min_clearance_mm)}."
     return style.note(words, "good")
 
 
@@ -275,10 +283,11 @@ class RollPanel(StepPanel):
             self._obstacles.value = "obstacles" not in new.view.hidden
 
     def remarks(self, snapshot: Snapshot) -> str:
-        """Say how many work, what the verifier says, and what the shown roll does."""
-        derived = snapshot.session.results.roll
+        """Say how long the scan will take, how many rolls work, and what the verifier says."""
+        expected_s, derived = expected_duration(snapshot.session), snapshot.session.results.roll
+        expected = "" if expected_s is None else style.text(f"{EXPECTED.named(expected_s)}.")
         if derived is None:
-            return ""
+            return expected
         plan, search = derived.value, derived.value.search
         works = sum(verdict.feasible for verdict in search.verdicts)
         if search.mode == "none" or plan.trajectory is None or plan.certificate is None:
@@ -292,8 +301,8 @@ class RollPanel(StepPanel):
                 chosen = f"{search.verdicts[search.chosen].roll_deg:.0f}°"
             first = style.note(
                 f"{works} of {len(search.verdicts)} roll angles feasible. Selected {chosen}, "
-                f"duration {plan.trajectory.times_s[-1]:.1f} s, "
-                + ("verified." if certified else "refused by the verifier."),
+                f"{'verified' if certified else 'refused by the verifier'}. "
+                f"{DURATION.named(float(plan.trajectory.times_s[-1]))}.",
                 "good" if certified else "warn",
             )
             if view is not None and not certified:
@@ -307,4 +316,4 @@ class RollPanel(StepPanel):
             (css(VERMILLION), "infeasible"),
             (css(BLUE), "selected"),
         )
-        return first + second + style.key(legend)
+        return expected + first + second + style.key(legend)

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rona_core.app.declarations.figures import FIGURES
 from rona_core.app.steps.roll.messages import ChooseRoll
 from rona_core.app.steps.roll.view import (
     REASON_WORDS,
@@ -117,7 +118,7 @@ def legend(strip: RollStrip) -> str:
         if counts[reason]
     ]
     map_key = [
-        (viridis_css(), "width:44px;", f"margin, 0 to {_top(strip):.1f}"),
+        (viridis_css(), "width:44px;", f"margin, 0 to {ends_at(strip)}"),
         (css(VERMILLION), "", "no margin"),
         ("#fff;border:1px solid #52606d", "height:4px;", "first failure"),
     ]
@@ -130,14 +131,20 @@ def legend(strip: RollStrip) -> str:
     return f'<div class="r-key">{spans}</div>'
 
 
-def _top(strip: RollStrip) -> float:
-    """Return the largest margin of all rolls, where the colours end."""
-    return max(float(strip.node_room.max(initial=0.0)), 1e-9)
+def ends_at(strip: RollStrip) -> str:
+    """Return the margin at the end of the colours, that of the path in the scene as well."""
+    return end_words(float(strip.node_room.max(initial=0.0)), "room")
+
+
+def end_words(largest: float, quantity: Quantity) -> str:
+    """Return the value at the end of the colours of a quantity; what is larger has that colour."""
+    top = MARGIN_SCALE_MAX[quantity]
+    return f"{'≥ ' if largest > top else ''}{top:.{DECIMALS[quantity]}f}"
 
 
 def roll_image(strip: RollStrip) -> NDArray[np.uint8]:
     """Return the colours of the map, (places, rolls, 3): path down, rolls across."""
-    image = viridis(np.clip(strip.node_room / _top(strip), 0.0, 1.0))
+    image = viridis(np.clip(strip.node_room / MARGIN_SCALE_MAX["room"], 0.0, 1.0))
     image[strip.node_room < 0.0] = VERMILLION
     return image
 
@@ -298,9 +305,11 @@ QUANTITIES: dict[str, Quantity] = {
     "Singularities": "singularity",
     "Collisions": "clearance",
 }
+CLEARANCE = FIGURES["min_clearance_mm"]
+JOINT_LIMITS = FIGURES["min_joint_margin_deg"]
 UNITS: dict[Quantity, str] = {
     "room": "Margin to limits, singularities, jumps and reach (1 is comfortable)",
-    "limits": "Distance from the nearest joint limit (°)",
+    "limits": f"{JOINT_LIMITS.title} (°)",
     "singularity": "Margin to the nearest singularity (1 is comfortable)",
     "clearance": "Clearance of robot, tool and obstacles (mm)",
 }
@@ -331,7 +340,9 @@ class MarginControls:
             found = None
             if new.view.step in ("roll", "scan"):
                 found = path_margins(new.session, new.view.shown_roll)
-            self._bar.content = "" if found is None else bar(found, new.view.margin)
+            self._bar.content = (
+                "" if found is None else margin_words(found) + bar(found, new.view.margin)
+            )
         self._near.content = near_words(shown_clearances(new)) if has_view else ""
 
 
@@ -339,7 +350,7 @@ def bar(found: PathMargins, quantity: Quantity) -> str:
     """Return the colour bar of a quantity, and the least value along the path."""
     top, decimals = MARGIN_SCALE_MAX[quantity], DECIMALS[quantity]
     values, fails = found.values(quantity), found.fails(quantity)
-    more = "≥ " if float(values.max(initial=0.0)) > top else ""
+    end = end_words(float(values.max(initial=0.0)), quantity)
     ticks = f"<span>0</span><span>{0.5 * top:.{decimals}f}</span>"
     least = float(values.min())
     words = f"Minimum along the path: {least:.{max(decimals, 1)}f}."
@@ -356,7 +367,17 @@ def bar(found: PathMargins, quantity: Quantity) -> str:
         f'<div class="r-bar" style="margin:2px 0 1px;width:14px;background:{css(VERMILLION)}">'
         f'</div><div class="r-bar" style="margin:2px 0 1px;flex:1;background:{viridis_css()}">'
         f'</div></div><div class="r-ticks" style="margin-left:30px">{ticks}'
-        f"<span>{more}{top:.{decimals}f}</span></div>{style.text(words)}"
+        f"<span>{end}</span></div>{style.text(words)}"
+    )
+
+
+def margin_words(found: PathMargins) -> str:
+    """Return the least margins of the shown roll along the path, before a motion is planned."""
+    limits, clearance = found.values("limits").min(), found.values("clearance").min()
+    return style.text(
+        f"Least along the path: {JOINT_LIMITS.words(float(limits))} from joint limits, margin to "
+        f"singularities {found.values('singularity').min():.1f}, clearance "
+        f"{CLEARANCE.words(float(clearance))}."
     )
 
 

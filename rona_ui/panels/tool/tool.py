@@ -1,12 +1,15 @@
 """Step 2: the robot pivots and translates the tool; verdict of a calibration (steps 2, 3)."""
 
+from collections.abc import Iterable
 from typing import Any
 
+from rona_core.app.declarations.figures import FIGURES
+from rona_core.app.overview.acceptance import QualityRow
 from rona_core.app.steps.tool.calibration_view import CalibrationView, Step, calibration_view
 from rona_core.app.steps.tool.derivation import delay_words
 from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.step_panel import StepPanel
+from rona_ui.panels.widgets.step_panel import StepPanel, rows_of
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import escape
 
@@ -26,21 +29,25 @@ class CalibrationWords:
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the calibration."""
-        parts = (f"session.results.{self._step}", f"session.captures.{self._step}", "steps")
-        if changed(old, new, *parts):
+        if changed(old, new, "session", "figures", "judged", "steps"):
             view, stale = calibration_view(new.session, self._step), new.step(self._step).state
-            self._words.content = "" if view is None else words(view, stale == "stale")
+            shown = () if view is None else rows_of(new)
+            self._words.content = "" if view is None else words(view, shown, stale == "stale")
 
 
-def words(view: CalibrationView, stale: bool = False) -> str:
-    """Return the expected errors beside what is good, the verdict, and reasons with remedies."""
-    head = ("Error (3D, 1 σ)", "Value", "Good", "")
+def words(view: CalibrationView, judged: Iterable[QualityRow], stale: bool = False) -> str:
+    """Return the expected errors beside their limits, the verdict, and reasons with remedies.
+
+    Those of a stale calibration have a value, and no verdict.
+    """
+    head = ("Error (3D, 1 σ)", "Value", "Limit", "")
+    found = {row.key: row for row in judged}
     rows = [
         (
             escape(one.title),
-            f"<b>{one.sigma_mm:.2f} mm</b>",
-            f"≤ {one.limit_mm:.2f} mm",
-            style.verdict("pass" if one.good else "review"),
+            f"<b>{found[one.key].value_words or FIGURES[one.key].words(one.sigma_mm)}</b>",
+            found[one.key].limit_words,
+            style.verdict(found[one.key].verdict),
         )
         for one in view.expected
     ]

@@ -93,7 +93,7 @@ def test_demo_prints_a_table_with_limits_and_the_papers_figures(run_demo, capsys
     def row(title):
         return next(line for line in lines if title in line).replace("│", " ").split()
 
-    assert row("Surface cloud, RMS")[-6:] == ["0.12", "mm", "≤", "0.5", "pass", "2.5"]
+    assert row("Surface cloud, RMS")[3:] == ["0.12", "mm", "≤", "0.50", "mm", "pass", "2.50", "mm"]
     assert "review" in row("Outer boundary, RMS")
     assert "fail" in row("Thickness, RMS")
     assert "51" in row("Path points, smoothed")

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.app.steps.implant.view import milling_view
+from rona_core.app.steps.implant.view import milling_view, outline_base
+from rona_core.planning.implants.implant import implant_named
 from rona_core.planning.milling.milling_path import Move
 from rona_core.session.document import Session
 from rona_ui.presentation.colors import MILLING_COLORS, viridis
@@ -14,6 +15,8 @@ from rona_ui.scene.cut_plane import cut_plane
 from rona_ui.scene.implant import (
     ASTRAY,
     CELLS,
+    EXPECTED,
+    EXPECTED_MM,
     IMPLANT,
     IMPLANT_CUT,
     POCKET,
@@ -24,6 +27,7 @@ from rona_ui.scene.implant import (
     THINNEST_LABEL,
     BedLayer,
     ChanceLayer,
+    ExpectedOutlineLayer,
     ImplantLayer,
     MillingLayer,
     UnmappedLayer,
@@ -192,3 +196,30 @@ def test_a_layer_is_seen_in_its_step_where_it_is_switched_on(demo, milling):
     assert not any(drawn(MillingLayer, looked_at(demo, milling, usual)).seen.values())
     elsewhere = replace(STEP, step="maps")
     assert not any(drawn(ImplantLayer, looked_at(demo, milling, elsewhere)).seen.values())
+
+
+@pytest.mark.parametrize("drawing", [None, "path"])
+def test_the_outline_of_the_implant_stands_on_the_bone_while_a_path_is_drawn(demo, drawing):
+    nodes = Nodes()
+    before = demo.with_result("bed", None)
+    view = ViewState(step="path", drawing=drawing)
+    ExpectedOutlineLayer(nodes).render(None, snapshot(before, view=view))
+    assert nodes.seen[EXPECTED]
+    points = nodes.drawn[EXPECTED][0].reshape(-1, 3)
+    cloud = demo.results.surface.value.points_base
+    middle = np.median(cloud, axis=0)
+    rings = np.concatenate(implant_named("BCI 602").outline())
+    off_mm = np.linalg.norm(points - middle, axis=1)
+    assert off_mm.max() == pytest.approx(np.hypot(np.hypot(*rings.T).max(), EXPECTED_MM), abs=0.1)
+    ExpectedOutlineLayer(nodes).render(None, snapshot(before, view=ViewState(step="setup")))
+    assert not nodes.seen[EXPECTED]
+
+
+def test_the_outline_lies_where_the_bed_does_and_nowhere_before_the_surface(demo):
+    nodes = Nodes()
+    ExpectedOutlineLayer(nodes).render(None, snapshot(demo, view=ViewState(step="path")))
+    rings = np.concatenate(outline_base(demo.results.get("bed").value, EXPECTED_MM))
+    found = nodes.drawn[EXPECTED][0].reshape(-1, 3)
+    assert np.linalg.norm(found.mean(axis=0) - rings.mean(axis=0)) < 0.5
+    ExpectedOutlineLayer(nodes).render(None, snapshot(Session(), view=ViewState(step="path")))
+    assert EXPECTED not in nodes.drawn

@@ -113,7 +113,7 @@ def test_maps_that_show_half_of_the_inner_boundary_are_not_praised(demo):
     at = snapshot(demo, "maps", figures=figures)
     html = shown(MapsPanel, at)
     assert 'r-note">Outer boundary in' in html
-    assert "Coverage, inner 0.47" in html
+    assert "Coverage, inner 47 %" in html
     assert "▲ review" in list_row(at)
     whole = snapshot(demo, "maps", figures={**figures, "inner_coverage_fraction": 0.95})
     assert 'r-note good">Outer boundary in' in shown(MapsPanel, whole)
@@ -123,7 +123,7 @@ def test_maps_that_show_half_of_the_inner_boundary_are_not_praised(demo):
 def test_what_misses_a_limit_is_told_above_the_fields(demo):
     gui, at = FakeGui(), snapshot(demo, "maps", figures={"inner_coverage_fraction": 0.47})
     MapsPanel(gui, NOTHING).render(None, at)
-    told = [h for h in gui.handles if h.kind == "html" and "Coverage, inner 0.47" in h.content]
+    told = [h for h in gui.handles if h.kind == "html" and "Coverage, inner 47 %" in h.content]
     assert len(told) == 1
     fields = [h for h in gui.handles if h.kind in ("number", "dropdown", "checkbox")]
     assert gui.handles.index(told[0]) < gui.handles.index(fields[0])

@@ -1,4 +1,4 @@
-"""What was refused stays readable: in full where it happened, and in a list of the session."""
+"""What was refused is told once, where it is looked at; the log keeps it."""
 
 from dataclasses import replace
 from typing import Any
@@ -11,10 +11,10 @@ from rona_core.devices.live import LiveState
 from rona_core.session.document import LogEntry, Session
 from rona_ui.panels.layout.bars import RunBar, left
 from rona_ui.panels.layout.docks import STEP_PANELS, TABS
-from rona_ui.panels.layout.frames_and_log import Refused
+from rona_ui.panels.layout.frames_and_log import LogPanel, Refused
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState
-from rona_ui.refusals import Refusals
+from rona_ui.refusals import Refusal, Refusals
 from tests.helpers.ui.fake_gui import FakeGui
 from tests.ui.layout.test_one_verdict import NOTHING
 
@@ -28,8 +28,9 @@ def snapshot(session: Session, step: str, **parts: Any) -> Snapshot:
 @pytest.fixture
 def refusals() -> Any:
     kept = Refusals()
-    kept.add("s", 0, "1 Set-up", "Invalid value", "Seed must be whole")
-    kept.add("s", 0, "3 Pointer, Pivoting the pointer", "Data not sufficient", f"swing {EVIL}")
+    kept.add("s", Refusal(0, "1 Set-up", "Invalid value", "Seed must be whole"))
+    where = "3 Pointer, Pivoting the pointer"
+    kept.add("s", Refusal(0, where, "Data not sufficient", f"swing {EVIL}"))
     return kept.of("s")
 
 
@@ -39,21 +40,26 @@ def html(at: Snapshot) -> str:
     return gui.html()
 
 
-def test_the_newest_refusal_stands_in_full_at_its_step_until_something_was_done(
-    refusals: Any,
-) -> None:
+def test_the_newest_refusal_is_told_until_something_was_done(refusals: Any) -> None:
     session = Session(id="s")
     here = html(snapshot(session, "pointer", refusals=refusals))
-    assert here.index("✖ Data not sufficient. swing &lt;img") < here.index("<details")
+    assert "✖ Data not sufficient. swing &lt;img" in here
+    assert 'role="alert"' in here, "a screen reader speaks it"
     assert EVIL not in here
+    assert "Seed must be whole" not in here, "the log has the older ones"
     elsewhere = html(snapshot(session, "setup", refusals=refusals))
+    assert "✖ 3 Pointer, Pivoting the pointer: Data not sufficient. swing" in elsewhere
     later = replace(session, log=(LogEntry(1, "SetSeed", {}, "2026-01-01T00:00:00.000"),))
-    outdated = html(snapshot(later, "pointer", refusals=refusals))
-    for shown in (elsewhere, outdated):
-        assert shown.startswith("<details")
-        assert "2 messages" in shown
-        assert shown.index("swing") < shown.index("Seed must be whole")  # newest first
+    assert html(snapshot(later, "pointer", refusals=refusals)) == ""
     assert html(snapshot(session, "pointer")) == ""
+
+
+def test_a_reason_that_stands_below_its_field_is_not_told_twice(refusals: Any) -> None:
+    session, at_field = Session(id="s"), replace(refusals[-1], explained=True)
+    assert html(snapshot(session, "pointer", refusals=(*refusals, at_field))) == ""
+    gui = FakeGui()
+    LogPanel(gui).render(None, snapshot(session, "pointer", refusals=(at_field,)))
+    assert "Data not sufficient" in gui.html()
 
 
 def test_progress_says_how_long_the_job_still_takes() -> None:

@@ -211,7 +211,7 @@ def test_the_other_echo_is_taken_by_one_click(demo: Session) -> None:
 
 def test_tilted_passes_are_planned_scanned_and_shown(demo: Session) -> None:
     desk = Desk(MapsPanel, demo, ViewState(step="maps"))
-    assert "Inner coverage" in shown(desk)
+    assert "mapped outer one before" in shown(desk)
     again = replace(demo.captures.second[0], ordinal=99)
     desk.session = replace(demo, captures=replace(demo.captures, second=(again,)))
     desk.draw()
@@ -223,7 +223,7 @@ def test_tilted_passes_are_planned_scanned_and_shown(demo: Session) -> None:
     )
     desk.session = first_only
     desk.draw()
-    assert "Inner coverage" not in shown(desk)
+    assert "mapped outer one before" not in shown(desk)
     assert desk.gui.find("button", "Scan tilted pass").disabled
     desk.click("button", "Plan tilted passes")
     assert desk.sent == [StartTiltPlan()]
@@ -290,7 +290,7 @@ def test_the_scene_shows_the_leaning_path_while_it_matters_and_the_cells_it_brou
 
 def test_the_legend_of_the_second_path_is_there_when_the_path_is(demo: Session) -> None:
     desk = Desk(MapsPanel, demo, ViewState(step="maps"))
-    assert "Inner coverage" in shown(desk)
+    assert "mapped outer one before" in shown(desk)
     assert "with axes of the probe" not in shown(desk)
     desk.view = ViewState(step="maps", second=True)
     desk.draw()

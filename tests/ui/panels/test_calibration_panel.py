@@ -81,10 +81,11 @@ def test_a_verdict_is_icon_word_and_reason_and_markup_is_text(session, verdict, 
     view = replace(
         calibration_view(session, "tool"), verdict=verdict, reasons=("the <b>cone</b> is narrow",)
     )
-    html = words(view)
+    rows = quality_rows({}, session)
+    html = words(view, rows)
     assert f"{icon} {verdict}" in html
     assert "The &lt;b&gt;cone&lt;/b&gt; is narrow." in html
-    assert "good" not in re.findall(r'class="r-note ([a-z]*)"', words(view, stale=True))
+    assert "good" not in re.findall(r'class="r-note ([a-z]*)"', words(view, rows, stale=True))
 
 
 def test_choosing_a_pose_and_the_button_leave_it_out_or_count_it_again(session):

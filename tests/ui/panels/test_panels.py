@@ -21,10 +21,9 @@ from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.devices.live import LiveState
 from rona_core.devices.settings import TrackerPlace, TrackerSettings
 from rona_core.session.document import LogEntry, Session
-from rona_ui.labels import place_of
 from rona_ui.panels.layout.bars import RunBar, StepList, StepTitle
 from rona_ui.panels.layout.docks import STEP_PANELS
-from rona_ui.panels.layout.frames_and_log import LogPanel, refused
+from rona_ui.panels.layout.frames_and_log import LogPanel
 from rona_ui.panels.layout.quality import QualityPanel
 from rona_ui.panels.maps.maps import second_pass_words as second_words
 from rona_ui.panels.pointer import PointerPanel
@@ -422,22 +421,6 @@ def test_the_log_is_in_sentences_with_the_labels_of_fields() -> None:
         "<b>The maps were computed</b>",
     ):
         assert words in shown
-
-
-def test_a_refusal_that_stands_in_full_is_not_listed_again() -> None:
-    time_utc = "2026-01-01T10:20:30.000+00:00"
-    entry = LogEntry(1, "SetSeed", {"seed": 1}, time_utc)
-    one = Refusal(1, place_of("setup"), "Invalid value", "too large", time_utc)
-    older = Refusal(0, place_of("setup"), "Invalid value", "too small", time_utc)
-    now = snapshot(Session(log=(entry,)), view=ViewState(step="setup"), refusals=(one,))
-    assert refused(now).count("too large") == 1
-    assert "<details" not in refused(now)
-    both = refused(replace(now, refusals=(older, one)))
-    assert (both.count("too large"), both.count("too small")) == (1, 1)
-    assert "1 message: what was not done" in both
-    later = refused(replace(now, session=Session(log=(entry, entry))))
-    assert later.count("too large") == 1
-    assert "1 message" in later
 
 
 def test_refusals_stand_in_the_log_where_they_happened() -> None:

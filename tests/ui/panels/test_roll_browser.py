@@ -36,13 +36,15 @@ from rona_ui.panels.roll.roll_browser import (
     bar,
     column_shown,
     curve_lines,
+    end_words,
     legend,
+    margin_words,
     roll_image,
     roll_picture,
 )
 from rona_ui.presentation.camera import STEP_PRESETS
-from rona_ui.presentation.colors import GREEN, VERMILLION, css
-from rona_ui.presentation.shown import shown_joints
+from rona_ui.presentation.colors import GREEN, VERMILLION, css, viridis
+from rona_ui.presentation.shown import MARGIN_SCALE_MAX, shown_joints
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.line_colors import sent_colors
 from rona_ui.scene.roll import PATH, STOP, WORDS, MarginsLayer
@@ -217,6 +219,10 @@ def test_margins_are_those_of_the_search_and_of_the_verifier(demo: Session) -> N
     assert plan.certificate.min_clearance_mm <= chosen.clearance_mm.min() + 0.5
     assert not chosen.collides.any()
     assert "Minimum along the path" in bar(chosen, "clearance")
+    limits, clearance = chosen.limit_deg.min(), chosen.clearance_mm.min()
+    told = margin_words(chosen)
+    assert f"{limits:.1f}° from joint limits" in told
+    assert f"clearance {clearance:.1f} mm" in told
 
 
 def test_near_pairs_are_all_that_are_too_close_worst_first(refused: Session) -> None:
@@ -308,6 +314,17 @@ def test_the_slider_follows_a_varying_roll_and_one_click_leads_back(demo: Sessio
     assert back.visible
     back.happen(CLIENT)
     assert recorder.shown.shown_roll is None
+
+
+def test_the_map_and_the_path_in_the_scene_have_one_scale_of_margins(demo: Session) -> None:
+    strip, path = roll_strip(demo), path_margins(demo, None)
+    assert strip is not None
+    assert strip.node_room.max() > MARGIN_SCALE_MAX["room"], "the case: beyond the scale"
+    assert "margin, 0 to ≥ 2.0" in legend(strip)
+    assert end_words(1.5, "room") == "2.0"
+    assert ">2.0</span>" in bar(path, "room")
+    most = np.unravel_index(int(strip.node_room.argmax()), strip.node_room.shape)
+    assert (roll_image(strip)[most] == viridis(np.ones(1))[0]).all()
 
 
 def test_moving_along_the_path_ends_the_replay(demo: Session) -> None:

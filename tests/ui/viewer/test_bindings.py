@@ -6,14 +6,12 @@ from typing import Any
 
 import pytest
 
-from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.runtime.session_step import RenameSession
 from rona_core.app.steps.scan.messages import StartScan
 from rona_core.app.steps.setup.messages import SetRegion, SetSeed
 from rona_core.errors import InvalidInputError, StepBlockedError
-from rona_ui.labels import doing, in_words, label_of, place_of
 from rona_ui.viewer import bindings as bindings_module
-from rona_ui.viewer.bindings import DEBOUNCE_S, Bindings, escape, report_error
+from rona_ui.viewer.bindings import DEBOUNCE_S, Bindings, error_words, escape, notify
 from rona_ui.viewer.fields import Typed
 from tests.helpers.ui.fake_gui import FakeClient
 
@@ -55,7 +53,7 @@ def refusals() -> list[tuple[str, str]]:
 @pytest.fixture
 def bindings(bench: FakeBench, refusals: list[tuple[str, str]]) -> Iterator[Bindings]:
     hub = SimpleNamespace(get=lambda: bench)
-    made = Bindings(hub, lambda client, title, body: refusals.append((title, body)))
+    made = Bindings(hub, lambda client, title, body, explained: refusals.append((title, body)))
     yield made
     made.close()
 
@@ -145,7 +143,7 @@ def test_a_refusal_beside_the_queue_is_told_and_kept_like_any_other(
 ) -> None:
     client = FakeClient()
     bindings.refuse(InvalidInputError("expected a, got b: do c"), event(client))
-    assert client.notices == refusals == [("Invalid value", "expected a, got b: do c")]
+    assert refusals == [("Invalid value", "expected a, got b: do c")]
 
 
 def test_a_refusal_is_told_with_cause_and_remedy_and_the_queue_goes_on(
@@ -156,17 +154,17 @@ def test_a_refusal_is_told_with_cause_and_remedy_and_the_queue_goes_on(
     bindings.send(lambda: SetSeed(-1), event(client))
     bindings.send(lambda: SetSeed(3), event(client))
     drain(bindings, client)
-    (blocked, why), (value, range_) = client.notices
+    (blocked, why), (value, range_) = refusals
     assert blocked == "Step blocked"
     assert "first plan the motion (step 7)" in why
     assert value == "Invalid value"
     assert "seed must be 0 to" in range_
     assert bench.got == [SetSeed(3)]
-    assert refusals == client.notices
+    assert client.notices == [], "the page shows them, and the log"
 
 
 def test_a_defect_is_told_without_its_inside(
-    bindings: Bindings, capsys: pytest.CaptureFixture[str]
+    bindings: Bindings, refusals: list[tuple[str, str]], capsys: pytest.CaptureFixture[str]
 ) -> None:
     client = FakeClient()
 
@@ -175,7 +173,7 @@ def test_a_defect_is_told_without_its_inside(
 
     bindings.call(broken, event(client))
     drain(bindings, client)
-    ((title, body),) = client.notices
+    ((title, body),) = refusals
     assert title == "Internal error"
     assert "secret detail" not in body
     assert "Traceback" not in body
@@ -193,59 +191,33 @@ def test_stop_overtakes_what_waits_in_the_queue(bindings: Bindings, bench: FakeB
     bench.hold.set()
 
 
-def test_a_browser_that_has_gone_does_not_end_the_queue(
-    bindings: Bindings, bench: FakeBench, capsys: pytest.CaptureFixture[str]
-) -> None:
-    class Gone:
-        def add_notification(self, title: str, body: str, **options: Any) -> None:
-            raise RuntimeError("connection closed")
-
-    bindings.send(StartScan, event(Gone()))
-    bindings.send(lambda: SetSeed(4), event(FakeClient()))
-    drain(bindings, FakeClient())
-    assert bench.got == [SetSeed(4)]
-    assert "connection closed" in capsys.readouterr().err
-
-
 def test_markup_is_escaped() -> None:
     assert escape("<img src=x onerror='a'>\"&") == (
         "&lt;img src=x onerror=&#x27;a&#x27;&gt;&quot;&amp;"
     )
 
 
-def test_tell_names_the_kind_of_error() -> None:
-    client = FakeClient()
-    report_error(client, InvalidInputError("expected a, got b: do c"))
-    assert client.notices == [("Invalid value", "expected a, got b: do c")]
+def test_the_title_names_the_kind_of_error() -> None:
+    assert error_words(InvalidInputError("expected a, got b: do c")) == (
+        "Invalid value",
+        "expected a, got b: do c",
+    )
 
 
 def test_a_refusal_calls_a_parameter_what_its_field_is_called() -> None:
-    client = FakeClient()
-    report_error(client, InvalidInputError("travel_mm must be 1 to 10, not 453"))
-    report_error(client, InvalidInputError("travel_mm_per_year of my_file.nrrd is 3"))
-    assert [body for _, body in client.notices] == [
-        "Max. correction (mm) must be 1 to 10, not 453",
-        "travel_mm_per_year of my_file.nrrd is 3",
-    ]
+    for told, shown in (
+        ("travel_mm must be 1 to 10, not 453", "Max. correction (mm) must be 1 to 10, not 453"),
+        ("travel_mm_per_year of my_file.nrrd is 3", "travel_mm_per_year of my_file.nrrd is 3"),
+    ):
+        assert error_words(InvalidInputError(told))[1] == shown
 
 
-def test_a_parameter_with_two_labels_is_called_by_its_name_in_words() -> None:
-    assert in_words("half_turn_deg must be 1 to 85") == "Half turn (deg) must be 1 to 85"
-    assert label_of("sound_speed_mm_per_us") == "Sound speed (mm/µs)"
-    assert label_of("radius_mm") == "radius (mm)"  # of the region, of a pattern, of a brush
-    assert in_words("seed must be 0 to 9") == "seed must be 0 to 9"
+def test_a_browser_that_has_gone_is_no_reason_to_stop(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    class Gone:
+        def add_notification(self, title: str, body: str, **options: Any) -> None:
+            raise RuntimeError("connection closed")
 
-
-def test_everything_that_runs_is_named_for_people():
-    assert all(doing(name)[0].isupper() and doing(name) != name for name in REGISTRY.activities)
-    assert doing("StartHandheldMapping") == "Mapping the scan by hand"
-
-
-def test_what_runs_belongs_to_a_step():
-    of_several = {"StartRecordingImport", "StartReplay"}  # or of none
-    of_one = {name for name in REGISTRY.activities if REGISTRY.shown_in(name) is not None}
-    assert set(REGISTRY.activities) - of_one == of_several
-    assert place_of("pointer") == "3 Pointer"
-    assert place_of(None, "StartScan") == "8 Scan, Scanning"
-    assert place_of("setup", "StartRecordingImport") == "1 Set-up, Reading the recording"
-    assert place_of(None) == ""
+    notify(Gone(), "Saved", "a.rona")
+    assert "connection closed" in capsys.readouterr().err

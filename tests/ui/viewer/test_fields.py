@@ -25,7 +25,7 @@ class Page:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(fields_module, "uuid_of", lambda handle: f"uuid-{id(handle)}")
         self.gui, self.refused = FakeGui(), []
-        self.fields = Fields(self.gui, lambda error, event: self.refused.append(str(error)))
+        self.fields = Fields(self.gui, lambda error, *_: self.refused.append(str(error)))
         self.heard: list[Any] = []
 
     def add(self, kind: str, *arguments: Any, **options: Any) -> Field:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from rona_core.app.declarations.figures import FIGURES
 from rona_core.app.runtime.process_pool import release_memory
 from rona_core.app.steps.implant.implant_bed import LACKS, ImplantBed, PlacedBed, TriedLift
 from rona_core.app.steps.implant.inputs import BedInputs
@@ -25,6 +26,8 @@ from rona_core.planning.placement.problem import (
 )
 from rona_core.planning.placement.search import search_placements
 from rona_core.session.memo import Memo
+
+RESIDUAL = FIGURES["bed_residual_mm"]
 
 DRAWS = 200  # of the maps
 LIFT_STEP_MM = 1.0
@@ -160,8 +163,8 @@ def _refusal(placed: PlacedBed, limits: PlacementLimits) -> str | None:
         return "the bed comes too close to what is to be avoided: move it"
     if placed.residual_mm < limits.residual_mm:
         return (
-            f"the bone is too thin here: {placed.residual_mm:.2f} mm would be left below the bed, "
-            f"and {limits.residual_mm:g} mm are required"
+            f"the bone is too thin here: {RESIDUAL.words(placed.residual_mm)} would be left below "
+            f"the bed, and {limits.residual_mm:g} mm are required"
         )
     short = [one for one in placed.screws if one.bone_mm <= one.screw.length_mm]
     if short:

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from rona_core.app.declarations.figures import FIGURES, percent
 from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.runtime.process_pool import release_memory
 from rona_core.app.steps.implant.messages import RehearseMilling
@@ -15,7 +16,6 @@ from rona_core.app.steps.implant.rehearsal_task import (
     floor_detector,
     milling_task,
 )
-from rona_core.app.steps.implant.view import percent
 from rona_core.app.steps.roll.certificate_view import why_no_plan
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.geometry.arrays import Floats, Ints, readonly
@@ -25,6 +25,8 @@ from rona_core.robot.planning.plan import RobotPlan
 from rona_core.session.codec import OMIT_EMPTY
 from rona_core.session.document import Session
 from rona_core.session.memo import remember
+
+LEFT, RAISED = FIGURES["rehearsal_residual_mm"], FIGURES["rehearsal_raised_mm"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,7 +115,7 @@ def rehearsal_verdict(found: Rehearsal) -> str:
     if found.stopped:
         return (
             "Rehearsed: by force and maps the burr may have been through, and the milling was "
-            f"stopped with {found.residual_mm:.2f} mm of bone thought to be left."
+            f"stopped with {LEFT.words(found.residual_mm)} of bone thought to be left."
         )
     return (
         f"Rehearsed: {_floor(found)}; {_depth(found)}, and {found.limit_mm:g} mm of bone stay with "
@@ -141,7 +143,7 @@ def _depth(found: Rehearsal) -> str:
     """Return how deep was milled, and what became of the plan of the raised layers."""
     if found.ceiling_mm is None:
         return "the bed was milled as deep as planned"
-    higher, plan = f"{found.raised_mm:.2f} mm higher than planned", found.raised_plan
+    higher, plan = f"{RAISED.words(found.raised_mm)} higher than planned", found.raised_plan
     ended = f"milling ended with the last finished layer, {higher}"
     if not found.steps:
         ended = "nothing was milled"

@@ -10,6 +10,7 @@ from rona_core.app.declarations.declarations import (
     Message,
     Remedy,
 )
+from rona_core.app.declarations.figures import FIGURES
 from rona_core.app.declarations.inputs import Input
 from rona_core.app.dependencies.judge import fresh, judge_part
 from rona_core.app.messages.message import message_from
@@ -37,7 +38,6 @@ from rona_core.app.steps.implant.milling_plan import (
     why_no_milling,
 )
 from rona_core.app.steps.implant.rehearsal import Rehearsal
-from rona_core.app.steps.implant.view import percent
 from rona_core.app.steps.maps.inputs import MAPS
 from rona_core.app.steps.maps.messages import StartTiltPlan, StartTiltScan
 from rona_core.app.steps.scan.messages import StartProbeMountingCapture
@@ -134,7 +134,8 @@ def _summary(session: Session) -> str:
     if bed.refusal is not None or bed.placed is None:
         return f"{bed.implant} does not fit safely"  # the verdict says why
     lift = f", lift {bed.lift_mm:g} mm" if bed.lift_mm > 0.0 else ""
-    return f"{bed.implant}{lift}, safe with {percent(bed.placed.probability)}{_milled(session)}"
+    sure = FIGURES["bed_probability"].words(bed.placed.probability)
+    return f"{bed.implant}{lift}, safe with {sure}{_milled(session)}"
 
 
 def _milled(session: Session) -> str:

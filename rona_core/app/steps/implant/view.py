@@ -3,16 +3,18 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rona_core.app.dependencies.judge import judge
+from rona_core.app.declarations.figures import FIGURES
+from rona_core.app.dependencies.judge import fresh, judge
 from rona_core.app.dependencies.staleness import required
 from rona_core.app.messages.message import message_from
 from rona_core.app.steps.implant.bed_milling import MillingView, bed_milling
 from rona_core.app.steps.implant.implant_bed import ImplantBed, PlacedBed
 from rona_core.app.steps.implant.inputs import BED, WANTED
-from rona_core.app.steps.implant.messages import PlaceBed
+from rona_core.app.steps.implant.messages import PlaceBed, StartBedSearch
 from rona_core.app.steps.maps.inputs import MAPS
-from rona_core.errors import StaleResultError, StepBlockedError
+from rona_core.errors import DegenerateGeometryError, StaleResultError, StepBlockedError
 from rona_core.geometry.arrays import Floats, as_vector3
+from rona_core.path.coverage import surface_middle
 from rona_core.planning.implants.implant import implant_named
 from rona_core.planning.milling.plan_milling import milling_settings
 from rona_core.planning.milling.removal import planned_bed
@@ -56,6 +58,36 @@ def outline_base(held: ImplantBed, above_mm: float) -> tuple[Floats, ...]:
     rings = implant_named(held.implant).lifted(held.lift_mm).outline()
     return tuple(
         placed.T_base_bed @ np.column_stack((ring, np.full(len(ring), above_mm))) for ring in rings
+    )
+
+
+def asked_implant(session: Session) -> str:
+    """Return the name of the implant whose bed was asked for last; before that, of the default."""
+    held = session.results.get("bed")
+    return StartBedSearch().implant if held is None else held.value.implant
+
+
+def expected_outline(session: Session, above_mm: float) -> tuple[Floats, ...]:
+    """Return the closed rings (n, 3) round the implant, in ``base``; none before the surface.
+
+    Where its bed lies; before there is one, in the middle of the measured surface.
+
+    Args:
+        session: With the measured surface.
+        above_mm: Height over the seat or the surface.
+    """
+    bed, cloud = fresh("bed", session), fresh("surface", session)
+    if bed is not None and bed.placed is not None:
+        return outline_base(bed, above_mm)
+    if cloud is None:
+        return ()
+    try:
+        middle = surface_middle(cloud.points_base)
+    except DegenerateGeometryError:
+        return ()
+    return tuple(
+        middle @ np.column_stack((ring, np.full(len(ring), above_mm)))
+        for ring in implant_named(asked_implant(session)).outline()
     )
 
 
@@ -107,13 +139,9 @@ def verdict(held: ImplantBed) -> str:
         return f"{held.implant} does not fit safely: {held.refusal}.{burr}"
     placed = held.placed
     lift = f" on a lift of {held.lift_mm:g} mm" if held.lift_mm > 0.0 else ""
+    sure = FIGURES["bed_probability"].words(placed.probability)
     screws = " and every screw holds" if placed.screws else ""
     return (
         f"{held.implant}{lift} fits: at least {held.limit_mm:g} mm of bone stay below the bed"
-        f"{screws} with a probability of {percent(placed.probability)}.{burr}"
+        f"{screws} with a probability of {sure}.{burr}"
     )
-
-
-def percent(probability: float) -> str:
-    """Return a probability in percent, never rounded to certainty."""
-    return "over 99.9 %" if probability > 0.999 else f"{100.0 * probability:.1f} %"

@@ -2,6 +2,7 @@
 
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext, Remedy
+from rona_core.app.declarations.figures import FIGURES
 from rona_core.app.dependencies.judge import by_verdict
 from rona_core.app.messages.message import message_from
 from rona_core.app.runtime.handling import compute_result, record
@@ -55,7 +56,8 @@ def _summary(session: Session) -> str:
     if held is None:
         return ""
     pointer = held.value
-    return f"{pointer.dof}D, {pointer.n_used} poses, expected error {pointer.tip_sigma_mm:.2f} mm"
+    expected = FIGURES["pointer_tip_sigma_mm"].words(pointer.tip_sigma_mm)
+    return f"{pointer.dof}D, {pointer.n_used} poses, expected error {expected}"
 
 
 STEP = declare.Step(

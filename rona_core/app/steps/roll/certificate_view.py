@@ -5,11 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rona_core.app.declarations.figures import FIGURES
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.plan import RobotPlan
 from rona_core.robot.redundancy.result import RollVerdict, refused_with_largest_margin
 from rona_core.robot.verification.certificate import Certificate, Check
 from rona_core.session.document import Session
+
+DURATION, CLEARANCE = FIGURES["scan_duration_s"], FIGURES["min_clearance_mm"]
 
 
 def plan_reason(session: Session) -> str | None:
@@ -84,7 +87,7 @@ def roll_summary(session: Session) -> str:
         chosen = f"{plan.search.verdicts[plan.search.chosen].roll_deg:.0f}°"
     if plan_reason(session) is not None:
         return f"{counts}, {chosen}, refused by the verifier"
-    return f"{counts}, {chosen}, {plan.trajectory.times_s[-1]:.0f} s"
+    return f"{counts}, {chosen}, {DURATION.words(float(plan.trajectory.times_s[-1]))}"
 
 
 ROUNDING, SMALL = 1e-9, 1e-3
@@ -109,13 +112,17 @@ class CheckPlace:
 
     @property
     def value_words(self) -> str:
-        """The worst value with its unit."""
+        """The worst value with its unit; a clearance as the figure of all of them is shown."""
+        if self.check.name.startswith("clearance"):
+            return CLEARANCE.words(self.check.value, None if self.check.holds else self.check.limit)
         return f"{_number(self.check.value)} {self.check.unit}".rstrip()
 
     @property
     def limit_words(self) -> str:
         """What is allowed, with its unit."""
         sign = "≥" if self.at_least else "≤"
+        if self.check.name.startswith("clearance"):
+            return f"{sign} {CLEARANCE.words(self.check.limit)}"
         return f"{sign} {_number(self.check.limit)} {self.check.unit}".rstrip()
 
 

@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from rona_core.app.dependencies.judge import fresh
 from rona_core.app.steps.setup.clearance import collision_world
 from rona_core.geometry.arrays import Bools, Floats, Ints, readonly
 from rona_core.geometry.pose import Poses
@@ -15,6 +16,7 @@ from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.plan import RobotPlan
 from rona_core.robot.redundancy.margins import branch_margins
 from rona_core.robot.redundancy.result import RollVerdict
+from rona_core.robot.trajectory.scan_timing import ScanSettings, expected_duration_s
 from rona_core.session.document import Session
 from rona_core.session.memo import Memo
 
@@ -30,6 +32,15 @@ REASON_WORDS = {  # reason of a verdict -> what is said of the roll
     "roll rate": "roll rate",
     "no way": "no approach or retract",
 }
+
+
+def expected_duration(session: Session) -> float | None:
+    """Return how long the scan will take (s), before it is planned; None without a fresh path."""
+    smooth = fresh("smoothing", session)
+    if smooth is None:
+        return None
+    settings = ScanSettings(scan_speed_mm_per_s=session.setup.devices.robot.scan_speed_mm_per_s)
+    return expected_duration_s(smooth.path, len(smooth.corners_base), settings)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

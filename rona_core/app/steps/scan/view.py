@@ -5,6 +5,7 @@ from typing import Literal
 
 import numpy as np
 
+from rona_core.app.declarations.figures import FIGURES
 from rona_core.app.dependencies.references import HeadWatch, watch_head
 from rona_core.app.steps.scan.derivation import DELAY, POSES
 from rona_core.devices.wrench import (
@@ -20,6 +21,10 @@ from rona_core.geometry.arrays import Floats, Vector3
 from rona_core.robot.force_control.gravity_compensation import mass_disagreement
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import Session
+
+FORCE_RMS, FORCE_PEAK = FIGURES["contact_force_rms_n"], FIGURES["contact_force_peak_n"]
+SHIFT, SHIFT_SIGMA = FIGURES["head_shift_mm"], FIGURES["head_shift_sigma_mm"]
+MOTION = FIGURES["head_motion_mm"]
 
 SLOWED = 0.97  # of the certified speed: less is worth a word
 
@@ -80,9 +85,10 @@ def delay_share(session: Session) -> DelayShare | None:
 
 def contact_sentence(found: ForceSummary) -> str:
     """Return a summary of the force as people read it."""
-    rms = "" if found.rms_n is None else f"±{found.rms_n:.2f} N (RMS) about it, "
+    rms = "" if found.rms_n is None else f"±{FORCE_RMS.words(found.rms_n)} (RMS) about it, "
     words = (
-        f"Set point {found.setpoint_n:.1f} N: {rms}largest force {found.peak_n:.1f} N. "
+        f"Set point {found.setpoint_n:.1f} N: {rms}largest force "
+        f"{FORCE_PEAK.words(found.peak_n)}. "
         f"Corrections of {found.travel_low_mm:+.1f} to {found.travel_high_mm:+.1f} mm along the "
         f"tool axis; stiffness {found.stiffness_n_per_mm:.1f} N/mm."
     )
@@ -232,14 +238,15 @@ def head_sentence(scan: HeadShift) -> str:
     """Return what the head did up to the scan and in it, as people read it."""
     if scan.shift_mm is None or scan.sigma_mm is None or scan.range_mm is None:
         return f"It is not known whether the head moved: {scan.reason}. The maps are not corrected."
-    sigma_mm = max(np.linalg.norm(scan.sigma_mm), 0.01)
+    sigma = SHIFT_SIGMA.words(float(np.linalg.norm(scan.sigma_mm)))
     if scan.state == "still":
-        return f"The head has not moved since step 4 (± {sigma_mm:.2f} mm, by its marker)."
-    x, y, z = (round(part, 2) + 0.0 for part in scan.shift_mm)  # no "-0.00"
+        return f"The head has not moved since step 4 (± {sigma}, by its marker)."
+    shift = SHIFT.words(float(np.linalg.norm(scan.shift_mm))).removesuffix(f" {SHIFT.unit}")
+    x, y, z = (round(part, 3) + 0.0 for part in scan.shift_mm)  # no "-0.000"
     return (
-        f"The head has moved by {np.linalg.norm(scan.shift_mm):.2f} ± {sigma_mm:.2f} mm since step "
-        f"4 ({x:+.2f}, {y:+.2f}, {z:+.2f} along x, y, z), and by up to {scan.range_mm:.2f} mm in "
-        "the course of the scan: the maps are corrected for it, and show it as it lay in step 4."
+        f"The head has moved by {shift} ± {sigma} since step 4 ({x:+.3f}, {y:+.3f}, {z:+.3f} "
+        f"along x, y, z), and by up to {MOTION.words(scan.range_mm)} in the course of the scan: "
+        "the maps are corrected for it, and show it as it lay in step 4."
     )
 
 

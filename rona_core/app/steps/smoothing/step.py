@@ -1,6 +1,7 @@
 """Smoothing: fewest points within a bound, surface normals, dense 5D path."""
 
 from rona_core.app.declarations import declarations as declare
+from rona_core.app.declarations.figures import FIGURES
 from rona_core.app.dependencies.staleness import result_input
 from rona_core.app.runtime.handling import compute_result
 from rona_core.app.steps.path.inputs import PATH
@@ -19,7 +20,8 @@ def _summary(session: Session) -> str:
     smooth = held.value
     kept, off_mm = smooth.simplified, float(smooth.from_filtered_mm.max())
     by_hand = f", {len(session.path_edits)} by hand" if len(session.path_edits) else ""
-    return f"{kept.n_original} to {len(kept.index)} points, max. deviation {off_mm:.2f} mm{by_hand}"
+    off = FIGURES["path_deviation_max_mm"].words(off_mm)
+    return f"{kept.n_original} to {len(kept.index)} points, max. deviation {off}{by_hand}"
 
 
 STEP = declare.Step(

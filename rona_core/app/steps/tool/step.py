@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext, Judgement, Remedy
+from rona_core.app.declarations.figures import FIGURES
 from rona_core.app.dependencies.judge import by_verdict
 from rona_core.app.dependencies.references import REMEDY, placed_reason
 from rona_core.app.dependencies.staleness import session_obstacles
@@ -55,7 +56,8 @@ def _summary(session: Session) -> str:
     held = session.results.tool
     if held is None:
         return ""
-    return f"{held.value.n_poses} poses, expected error {held.value.tip_sigma_mm:.2f} mm"
+    expected = FIGURES["tool_tip_sigma_mm"].words(held.value.tip_sigma_mm)
+    return f"{held.value.n_poses} poses, expected error {expected}"
 
 
 STEP = declare.Step(

@@ -156,8 +156,8 @@ def test_the_panel_tells_counts_bound_deviations_radius_and_tilt(smoothed) -> No
     view = path_view(smoothed)
     html = gui.html()
     assert f"121 points simplified to {len(view.corners_base)} (minimum)" in html
-    assert f"{view.k1_filtered_mm:.2f} mm from the filtered samples" in html
-    assert f"{view.k1_raw_mm:.2f} mm from the raw samples" in html
+    assert f"Max. path deviation {view.k1_filtered_mm:.2f} mm." in html
+    assert f"Path deviation from raw samples {view.k1_raw_mm:.2f} mm." in html
     assert "Normal radius 25.4 mm (from the point cloud" in html
     assert "tilt tolerance" in html or "slower or denser" in html
     greedy = handle(SmoothScanPath(method="greedy"), smoothed)

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from rona_core.app.declarations.figures import FIGURES
 from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.steps.implant.burr.inputs import BurrRegistration
 from rona_core.mapping.accuracy.probe_place import SEAT_MM
@@ -21,7 +22,8 @@ def burr_words(session: Session) -> str:
     x, y, z = found.offset_tip.tolist()
     words = (
         f"Tip {np.linalg.norm(found.offset_tip):.2f} mm off its drawing (x {x:+.2f}, y {y:+.2f}, "
-        f"z {z:+.2f}), expected error {found.tip_sigma_mm:.2f} mm"
+        f"z {z:+.2f}), expected error "
+        f"{FIGURES['burr_tip_sigma_mm'].words(found.tip_sigma_mm)}"
     )
     judgement = judge_part("burr", session)
     sentence = judgement.beside(words)
