@@ -111,10 +111,15 @@ class StepPanel:
         self.form = Form(gui)
         self.folder = gui.add_folder(None, visible=False)
         with self.folder:
-            gui.add_html(style.text(self.explanation))
-            self.verdict = JudgementNote(gui, context)  # above the fields: seen without scrolling
-            self.build()
+            self._explained = gui.add_html("")
+            # what came of the step is above its fields: seen without scrolling
+            self.verdict = JudgementNote(gui, context)
             self.remark = gui.add_html("")
+            self.build_result()
+            self.build()
+
+    def build_result(self) -> None:
+        """Add what shows the result beside the remarks: legends, and what chooses what is shown."""
 
     def build(self) -> None:
         """Add the fields."""
@@ -146,6 +151,8 @@ class StepPanel:
             self.verdict.offer(missed + stopped, remedy, busy=new.busy, first=failed)
             # what is not good is not praised
             self.remark.content = html.replace("r-note good", "r-note") if stale or missed else html
+            told = html and self.start is not None  # the result takes the place of the explanation
+            self._explained.content = "" if told else style.text(self.explanation)
 
 
 def stopped_note(snapshot: Snapshot, activity: str) -> str:
