@@ -184,3 +184,10 @@ def test_a_stale_step_is_not_built_upon(scanned):
     place = smooth.value.corners_base[middle] + (5.0, 0.0, 0.0)
     moved = handle(MovePathPoint(middle, tuple(place.tolist())), scanned)
     assert offered(snapshot(moved, "scan")) is None
+
+
+def test_further_tilted_passes_are_offered_before_figures_are_known(demo: Session) -> None:
+    one = replace(demo, captures=replace(demo.captures, second=demo.captures.second[:1]))
+    browser = Browser(replace(snapshot(one, "maps"), computing=True))
+    assert browser.at.step("maps").state == "stale"
+    assert browser.gui.find("button", "Continue: Scan with the probe tilted").visible
