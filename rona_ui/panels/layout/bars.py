@@ -249,15 +249,14 @@ class RunBar:
 
     def _may_start(self, stage: Stage, new: Snapshot) -> bool:
         """Return whether a stage may start from the active step: nothing to look at before."""
-        state = new.step(self._step).state
-        if new.computing and state != "stale":  # figures that may not pass are not known yet
+        if self._step in judged_later(new):  # its figures may not pass
             return False
         if not stage.is_due(new.session):
             return False
         if stage.step == self._step:
             return not is_primary(stage)  # that has its own button
         failed = judged(new, self._step).verdict == "fail"
-        return state == "done" and not failed and not stage.seen_first
+        return new.step(self._step).state == "done" and not failed and not stage.seen_first
 
 
 def is_primary(stage: Stage) -> bool:
