@@ -28,7 +28,7 @@ from rona_ui.panels.maps.volume import VolumeFolder
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
-from rona_ui.panels.widgets.step_panel import JudgementNote, StepPanel, stopped_note
+from rona_ui.panels.widgets.step_panel import JudgementNote, StepPanel, judged, stopped_note
 from rona_ui.presentation.colors import SKY, css, diverging_css
 from rona_ui.presentation.shown import (
     map_errors,
@@ -250,9 +250,10 @@ class MapsPanel(StepPanel):
         if changed(old, new, "session", "busy"):
             self._speed.show(new.session, new.busy)
         self._sono.render(new)
-        if changed(old, new, "session", "busy"):
+        if changed(old, new, "session", "busy", "figures", "judged"):
             found = judge_part("maps", new.session)
-            short = found.state in ("weak", "bad")
+            told = any(found.reason in row.sentence for row in judged(new, "maps").missed)
+            short = found.state in ("weak", "bad") and not told
             words = f"{style.sentence(found.reason)}." if short else ""
             self._judged.show(words, found if short else USABLE, busy=new.busy)
         for field in (self._shown, self._quantity, self._cut):
