@@ -113,13 +113,18 @@ class StepTitle:
         if state.state == "blocked":
             words = f"Blocked: {state.reason}."
         elif state.state == "stale":
-            again = style.sentence(state.blocked or "repeat this step")
+            again = (state.blocked or "repeat this step").removesuffix(f": {state.reason}")
+            again = style.sentence(again)
             words = f"Stale: {state.reason}. {again}."
         elif state.state == "partial" or (state.state == "ready" and state.reason != "ready"):
             words = f"{style.sentence(state.reason)}."
         named = not words and judged(new, new.view.step).remedy is not None  # beside its figures
         self._note.show(
-            words, USABLE if named else _mended_elsewhere(new), busy=new.busy, kind="warn"
+            words,
+            USABLE if named else _mended_elsewhere(new),
+            busy=new.busy,
+            kind="warn",
+            first=state.blocked is not None,  # the primary button has to wait for it
         )
 
 

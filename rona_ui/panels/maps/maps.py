@@ -159,8 +159,9 @@ def second_pass_words(snapshot: Snapshot, view: SecondView | None, scanned: bool
         )
     which = "the tilted pass" if len(passes) == 1 else f"{len(passes)} tilted passes"
     return html + style.note(
-        f"Inner coverage {100 * cells.before:.0f} % before, {100 * cells.after:.0f} % with "
-        f"{which} ({n_scans} A-scans). White dots: cells seen only by {which}.",
+        f"Inner coverage {100 * max(0.0, cells.before):.0f} % before, "
+        f"{100 * cells.after:.0f} % with {which} ({n_scans} A-scans). "
+        f"White dots: cells seen only by {which}.",
         "good",
     )
 

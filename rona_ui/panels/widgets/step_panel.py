@@ -70,15 +70,22 @@ class JudgementNote:
         )
 
     def show(
-        self, words: str, found: InputJudgement, *, busy: bool, kind: str | None = None
+        self,
+        words: str,
+        found: InputJudgement,
+        *,
+        busy: bool,
+        kind: str | None = None,
+        first: bool = False,
     ) -> None:
         """Show ``words`` about something, and offer what mends it; no button while it is missing.
 
         What is missing has a button of its own beside the note. ``kind`` is that of the note, where
-        the state does not say it.
+        the state does not say it; ``first`` is as for ``offer``.
         """
         html = style.note(words, style.BOXES[found.state] if kind is None else kind)
-        self.offer(html, None if found.state == "missing" else found.remedy, busy=busy)
+        remedy = None if found.state == "missing" else found.remedy
+        self.offer(html, remedy, busy=busy, first=first)
 
     def offer(self, html: str, remedy: Remedy | None, *, busy: bool, first: bool = False) -> None:
         """Show HTML, and a button that does what mends it, where a message does.
