@@ -253,8 +253,8 @@ class MapsPanel(StepPanel):
         self._sono.render(new)
         if changed(old, new, "session", "busy", "figures", "judged"):
             found = judge_part("maps", new.session)
-            told = any(found.reason in row.sentence for row in judged(new, "maps").missed)
-            short = found.state in ("weak", "bad") and not told
+            listed = any(found.reason in row.sentence for row in judged(new, "maps").missed)
+            short = found.state in ("weak", "bad") and not listed
             words = f"{style.sentence(found.reason)}." if short else ""
             self._judged.show(words, found if short else USABLE, busy=new.busy)
         for field in (self._shown, self._quantity, self._cut):

@@ -158,8 +158,8 @@ class StepPanel:
             self.verdict.offer(missed + stopped, remedy, busy=new.busy, first=failed)
             # what is not good is not praised
             self.remark.content = html.replace("r-note good", "r-note") if stale or missed else html
-            told = html and self.start is not None  # the result takes the place of the explanation
-            self._explained.content = "" if told else style.text(self.explanation)
+            shown = html and self.start is not None  # the result takes the place of the explanation
+            self._explained.content = "" if shown else style.text(self.explanation)
 
 
 def stopped_note(snapshot: Snapshot, activity: str) -> str:
