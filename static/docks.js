@@ -1,11 +1,14 @@
 "use strict";
-// What the docks of the viewer lack: hints on buttons and labels, tabs that follow the step, roles.
+// What the docks of the viewer lack: hints on buttons and labels, tabs that follow the step, roles,
+// and that one of them folds where there is no room for both.
 // The server writes both into the page as hidden elements, see rona_ui/viewer/fields.py and
 // rona_ui/panels/layout/docks.py.
 
 const HINTS_MS = 300; // how often the hints are written anew, at most
 const TRY_MS = 150, MOST_TRIES = 40;
 const STEP_BUTTON = ".r-step";
+const ROOM_PX = 1150; // less wide, both docks would leave the scene too little
+const EDGES = ["left", "right"];
 
 class DockHelper {
   constructor(page) {
@@ -13,14 +16,42 @@ class DockHelper {
     this.hinted = -Infinity;
     this.followed = ""; // step
     this.wanted = []; // names of tabs that are still to be opened
+    this.alone = "right"; // the dock that folds when the other one opens and there is no room
+    this.folded = null; // the one that was folded for that
     for (const kind of ["pointerover", "focusin"]) {
       page.addEventListener(kind, () => this.hint(), true);
     }
     page.addEventListener("pointerdown", (event) => this.choose(event), true);
-    new page.MutationObserver(() => { this.follow(); this.part(); }).observe(
+    new page.MutationObserver(() => this.look()).observe(
       page.document.documentElement, { childList: true, subtree: true });
+    page.addEventListener("resize", () => this.fit());
+    this.look();
+  }
+
+  look() {
     this.follow();
     this.part();
+    this.fit();
+  }
+
+  // Where there is no room, opening one dock folds the other; with room again, that one comes back.
+  fit() {
+    const inside = this.page.document;
+    const fold = (edge) => inside.querySelector(`[data-dock-region-collapse="${edge}"]`);
+    const open = EDGES.filter((edge) => fold(edge));
+    if (this.page.innerWidth < ROOM_PX) {
+      if (open.length === 1) this.alone = open[0];
+      if (open.length < 2) return;
+      this.folded = this.alone;
+      fold(this.folded).click();
+    } else if (this.folded) {
+      const edge = this.folded;
+      this.folded = null;
+      this.alone = "right";
+      if (open.includes(edge)) return;
+      inside.querySelector(`[data-dock-region="${edge}"] [data-dock-minimize-all]`)?.click();
+      this.followed = ""; // its tabs have not followed meanwhile
+    }
   }
 
   // Hints as titles: the viewer shows none on its buttons, and those of fields beside the label only.

@@ -28,6 +28,10 @@ class PointerPanel(StepPanel):
     )
     start = "Pivot and calibrate"
 
+    def build_result(self) -> None:
+        """Add what the calibration is worth."""
+        self._calibration = CalibrationWords(self.gui, "pointer")
+
     def build(self) -> None:
         """Add cone, duration and method."""
         self.form.of(StartPointerCapture, "cone_deg", "duration_s")
@@ -39,7 +43,6 @@ class PointerPanel(StepPanel):
         self._finish = self.gui.add_button("Finish and calibrate", icon="check", visible=False)
         on_click(self._finish, lambda e: self.context.service("finish", e, None))
         self._refit = self.context.send_button(self.gui, "Fit again", "refresh", self._fit_again)
-        self._calibration = CalibrationWords(self.gui, "pointer")
         self._excluded: tuple[int, ...] = ()
         self._import = ImportControls(self.gui, self.context, "pivot")
 

@@ -283,12 +283,7 @@ class ImplantPanel(StepPanel):
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
         super().__init__(gui, context)
-        with self.folder:  # below the verdict
-            self._shown = gui.add_dropdown("Show", tuple(SHOWN))
-            self._window = gui.add_checkbox(
-                "Cut-away window", True, hint="Hides the drawn bone over the region"
-            )
-            self._key = gui.add_html("")
+        with self.folder:
             self._hand = ByHandFolder(gui, context, self.form)
             self._lines = LinesFolder(gui, context)
             self._milling = MillingFolder(gui, context)
@@ -298,6 +293,16 @@ class ImplantPanel(StepPanel):
             with gui.add_folder("Advanced", expand_by_default=False):
                 self.form.of(StartBedSearch, "burr_mm")
             self._export = BedExportFolder(gui, context)
+
+    def build_result(self) -> None:
+        """Add the legend, the choice of what is shown, and the lifts that were tried."""
+        gui, context = self.gui, self.context
+        self._key = gui.add_html("")
+        self._shown = gui.add_dropdown("Show", tuple(SHOWN))
+        self._window = gui.add_checkbox(
+            "Cut-away window", True, hint="Hides the drawn bone over the region"
+        )
+        self._lifts = gui.add_html("")
         on_change(self._shown, lambda e: self._show(SHOWN[e.target.value]))
         on_change(self._window, lambda e: context.set_view(skull_window=e.target.value))
 
@@ -331,6 +336,7 @@ class ImplantPanel(StepPanel):
         self._figures.visible = held is not None and held.value.placed is not None
         if changed(old, new, "session.results", "milling"):
             self._tables.content = "" if held is None else _tables(held.value, new.milling)
+            self._lifts.content = "" if held is None else _lifts(held.value)
         self._burr.render(old, new)
         self._hand.render(old, new)
         self._lines.render(old, new)
@@ -338,14 +344,18 @@ class ImplantPanel(StepPanel):
         self._export.render(new)
 
     def remarks(self, snapshot: Snapshot) -> str:
-        """Return the verdict, and the lifts that were tried."""
+        """Return the verdict."""
         held = snapshot.session.results.get("bed")
         if held is None:
             return ""
         bed: ImplantBed = held.value
-        note = style.note(verdict(bed), "good" if bed.refusal is None else "warn")
-        rows = [(*cells, style.verdict(kept)) for *cells, kept in lift_rows(bed)]
-        return note + (style.table(("", "n", "n"), LIFT_HEAD, rows) if rows else "")
+        return style.note(verdict(bed), "good" if bed.refusal is None else "warn")
+
+
+def _lifts(bed: ImplantBed) -> str:
+    """Return the lifts that were tried as a table; empty where none was."""
+    rows = [(*cells, style.verdict(kept)) for *cells, kept in lift_rows(bed)]
+    return style.table(("", "n", "n"), LIFT_HEAD, rows) if rows else ""
 
 
 def _tables(bed: ImplantBed, milling: MillingView | None) -> str:

@@ -5,7 +5,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from rona_core.app.declarations.declarations import Judgement
+from rona_core.app.declarations.declarations import USABLE, Judgement
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.judge import StepState, step_judgement
 from rona_core.app.overview.acceptance import Judgement as FiguresJudgement
@@ -105,7 +105,7 @@ class StepTitle:
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the active step and its state."""
-        if not changed(old, new, "steps", "view.step", "busy"):
+        if not changed(old, new, "steps", "view.step", "busy", "figures", "judged"):
             return
         state = new.step(new.view.step)
         self._html.content = style.tag("div", f"Step {state.number}: {state.title}", "r-title")
@@ -113,11 +113,19 @@ class StepTitle:
         if state.state == "blocked":
             words = f"Blocked: {state.reason}."
         elif state.state == "stale":
-            again = style.sentence(state.blocked or "repeat this step")
+            again = (state.blocked or "repeat this step").removesuffix(f": {state.reason}")
+            again = style.sentence(again)
             words = f"Stale: {state.reason}. {again}."
         elif state.state == "partial" or (state.state == "ready" and state.reason != "ready"):
             words = f"{style.sentence(state.reason)}."
-        self._note.show(words, _mended_elsewhere(new), busy=new.busy, kind="warn")
+        named = not words and judged(new, new.view.step).remedy is not None  # beside its figures
+        self._note.show(
+            words,
+            USABLE if named else _mended_elsewhere(new),
+            busy=new.busy,
+            kind="warn",
+            first=state.blocked is not None,  # the primary button has to wait for it
+        )
 
 
 def _mended_elsewhere(snapshot: Snapshot) -> Judgement:
@@ -250,7 +258,7 @@ class RunBar:
 
     def _may_start(self, stage: Stage, new: Snapshot) -> bool:
         """Return whether a stage may start from the active step: nothing to look at before."""
-        if new.computing:  # the figures that may not pass are not known yet
+        if self._step in judged_later(new):  # its figures may not pass
             return False
         if not stage.is_due(new.session):
             return False

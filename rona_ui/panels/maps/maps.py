@@ -28,7 +28,7 @@ from rona_ui.panels.maps.volume import VolumeFolder
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.form import Form
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
-from rona_ui.panels.widgets.step_panel import JudgementNote, StepPanel, stopped_note
+from rona_ui.panels.widgets.step_panel import JudgementNote, StepPanel, judged, stopped_note
 from rona_ui.presentation.colors import SKY, css, diverging_css
 from rona_ui.presentation.shown import (
     map_errors,
@@ -159,7 +159,7 @@ def second_pass_words(snapshot: Snapshot, view: SecondView | None, scanned: bool
         )
     which = "the tilted pass" if len(passes) == 1 else f"{len(passes)} tilted passes"
     return html + style.note(
-        f"Inner boundary below {100 * cells.before:.0f} % of the mapped outer one before, "
+        f"Inner boundary below {100 * max(0.0, cells.before):.0f} % of the mapped outer one before, "
         f"{100 * cells.after:.0f} % with {which} ({n_scans} A-scans). White dots: cells "
         f"seen only by {which}.",
         "good",
@@ -214,24 +214,28 @@ class MapsPanel(StepPanel):
             self._comparison = ComparisonFolder(gui, context)
             self._export = ExportFolder(gui, context)
 
-    def build(self) -> None:
-        """Add the parameters and the choice of what is shown."""
-        self.form.of(StartMapping)
-        with self.gui.add_folder("Sound speed calibration", expand_by_default=False):
-            self._speed = SpeedFields(self.gui, self.context)
+    def build_result(self) -> None:
+        """Add the colour bar, and the choice of what is shown."""
+        self._judged = JudgementNote(self.gui, self.context)
+        self._bar = self.gui.add_html("")
         self._shown = self.gui.add_dropdown("Show", tuple(SHOWN))
         self._quantity = self.gui.add_dropdown("Colour by", tuple(QUANTITIES))
         self._cut = self.gui.add_checkbox(
             "Cut-away window", True, hint="Hides the drawn bone over the region"
         )
-        self._judged = JudgementNote(self.gui, self.context)
-        self._bar = self.gui.add_html("")
-        with self.gui.add_folder("Error budget", expand_by_default=False):
-            self._budget = self.gui.add_html("")
+        self._accuracy = self.gui.add_html("")
         context = self.context
         on_change(self._shown, lambda e: self._show(SHOWN[e.target.value]))
         on_change(self._quantity, lambda e: context.set_view(quantity=QUANTITIES[e.target.value]))
         on_change(self._cut, lambda e: context.set_view(skull_window=e.target.value))
+
+    def build(self) -> None:
+        """Add the parameters."""
+        self.form.of(StartMapping)
+        with self.gui.add_folder("Error budget", expand_by_default=False):
+            self._budget = self.gui.add_html("")
+        with self.gui.add_folder("Sound speed calibration", expand_by_default=False):
+            self._speed = SpeedFields(self.gui, self.context)
 
     def _show(self, names: tuple[str, ...]) -> None:
         hide = MAP_NAMES - set(names)
@@ -247,9 +251,10 @@ class MapsPanel(StepPanel):
         if changed(old, new, "session", "busy"):
             self._speed.show(new.session, new.busy)
         self._sono.render(new)
-        if changed(old, new, "session", "busy"):
+        if changed(old, new, "session", "busy", "figures", "judged"):
             found = judge_part("maps", new.session)
-            short = found.state in ("weak", "bad")
+            listed = any(found.reason in row.sentence for row in judged(new, "maps").missed)
+            short = found.state in ("weak", "bad") and not listed
             words = f"{style.sentence(found.reason)}." if short else ""
             self._judged.show(words, found if short else USABLE, busy=new.busy)
         for field in (self._shown, self._quantity, self._cut):
@@ -262,6 +267,7 @@ class MapsPanel(StepPanel):
             )
         if changed(old, new, "session", "figures", "view"):
             self._budget.content = budget_table(new)
+            self._accuracy.content = accuracy_note(new)
         self._second.render(old, new)
         self._volume.render(old, new)
         self._comparison.render(old, new)
@@ -279,12 +285,19 @@ class MapsPanel(StepPanel):
             f"{len(value.outer_ok)} A-scans, inner boundary below {100.0 * maps.inner_share:.0f} % "
             "of the mapped outer one."
         )
-        accuracy = accuracy_sentence(snapshot.session, hand=shows_handheld_maps(snapshot))
-        if accuracy:
-            words += f" {accuracy}"
-        if value.method == "subtract":  # the others judge no levels
-            words += f" {loss_words(value)}"
         return style.note(words, "good" if value.inner_ok.any() else "warn")
+
+
+def accuracy_note(snapshot: Snapshot) -> str:
+    """Return how accurate the shown maps should be, and how much the bone absorbs."""
+    results, hand = snapshot.session.results, shows_handheld_maps(snapshot)
+    found = results.sono_detection if hand else results.detection
+    if found is None or shown_maps(snapshot) is None:
+        return ""
+    words = [accuracy_sentence(snapshot.session, hand=hand)]
+    if found.value.method == "subtract":  # the others judge no levels
+        words.append(loss_words(found.value))
+    return style.text(" ".join(filter(None, words)))
 
 
 def budget_table(snapshot: Snapshot) -> str:

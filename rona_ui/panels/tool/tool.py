@@ -70,10 +70,13 @@ class ToolPanel(StepPanel):
     )
     start = "Move and register the tool"
 
+    def build_result(self) -> None:
+        """Add what the calibration is worth."""
+        self._calibration = CalibrationWords(self.gui, "tool")
+
     def build(self) -> None:
         """Add the parameters of the motion."""
         self.form.of(StartToolCapture)
-        self._calibration = CalibrationWords(self.gui, "tool")
 
     def update(self, old: Snapshot | None, new: Snapshot) -> None:
         """Show what the calibration is worth."""

@@ -70,15 +70,22 @@ class JudgementNote:
         )
 
     def show(
-        self, words: str, found: InputJudgement, *, busy: bool, kind: str | None = None
+        self,
+        words: str,
+        found: InputJudgement,
+        *,
+        busy: bool,
+        kind: str | None = None,
+        first: bool = False,
     ) -> None:
         """Show ``words`` about something, and offer what mends it; no button while it is missing.
 
         What is missing has a button of its own beside the note. ``kind`` is that of the note, where
-        the state does not say it.
+        the state does not say it; ``first`` is as for ``offer``.
         """
         html = style.note(words, style.BOXES[found.state] if kind is None else kind)
-        self.offer(html, None if found.state == "missing" else found.remedy, busy=busy)
+        remedy = None if found.state == "missing" else found.remedy
+        self.offer(html, remedy, busy=busy, first=first)
 
     def offer(self, html: str, remedy: Remedy | None, *, busy: bool, first: bool = False) -> None:
         """Show HTML, and a button that does what mends it, where a message does.
@@ -111,10 +118,15 @@ class StepPanel:
         self.form = Form(gui)
         self.folder = gui.add_folder(None, visible=False)
         with self.folder:
-            gui.add_html(style.text(self.explanation))
-            self.verdict = JudgementNote(gui, context)  # above the fields: seen without scrolling
-            self.build()
+            self._explained = gui.add_html("")
+            # what came of the step is above its fields: seen without scrolling
+            self.verdict = JudgementNote(gui, context)
             self.remark = gui.add_html("")
+            self.build_result()
+            self.build()
+
+    def build_result(self) -> None:
+        """Add what shows the result beside the remarks: legends, and what chooses what is shown."""
 
     def build(self) -> None:
         """Add the fields."""
@@ -146,6 +158,8 @@ class StepPanel:
             self.verdict.offer(missed + stopped, remedy, busy=new.busy, first=failed)
             # what is not good is not praised
             self.remark.content = html.replace("r-note good", "r-note") if stale or missed else html
+            shown = html and self.start is not None  # the result takes the place of the explanation
+            self._explained.content = "" if shown else style.text(self.explanation)
 
 
 def stopped_note(snapshot: Snapshot, activity: str) -> str:

@@ -130,7 +130,7 @@ def test_a_step_that_fails_is_looked_at_first(scanned):
 
 def test_it_waits_for_the_figures_and_goes_when_they_fail(scanned):
     now = snapshot(scanned, "scan")
-    browser = Browser(replace(now, computing=True))
+    browser = Browser(replace(now, computing=True, judged=None))
     button = next(h for h in browser.gui.handles if h.label.startswith("Continue"))
     assert not button.visible
     browser.bar.render(browser.at, now)
@@ -184,3 +184,17 @@ def test_a_stale_step_is_not_built_upon(scanned):
     place = smooth.value.corners_base[middle] + (5.0, 0.0, 0.0)
     moved = handle(MovePathPoint(middle, tuple(place.tolist())), scanned)
     assert offered(snapshot(moved, "scan")) is None
+
+
+def test_it_does_not_wait_for_figures_of_other_steps(demo: Session) -> None:
+    before = demo.with_result("milling", None).with_result("rehearsal", None)
+    at = replace(snapshot(before, "implant"), computing=True)
+    browser = Browser(replace(at, judged=before.with_result("surface", None)))
+    assert browser.gui.find("button", "Continue: Plan the milling").visible
+
+
+def test_further_tilted_passes_are_offered_before_figures_are_known(demo: Session) -> None:
+    one = replace(demo, captures=replace(demo.captures, second=demo.captures.second[:1]))
+    browser = Browser(replace(snapshot(one, "maps"), computing=True, judged=demo))
+    assert browser.at.step("maps").state == "stale"
+    assert browser.gui.find("button", "Continue: Scan with the probe tilted").visible

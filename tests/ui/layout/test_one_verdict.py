@@ -1,6 +1,6 @@
 """Step list, notes of the panels and table of figures say the same of the same thing."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from rona_core.app.overview.acceptance import judgement, quality_rows
 from rona_core.app.runtime.handling import handle
 from rona_core.app.steps.path.messages import MovePathPoint
 from rona_core.app.steps.scan.messages import StartHome, StartRetract
-from rona_core.app.steps.setup.messages import SetRobot, SetSeed
+from rona_core.app.steps.setup.messages import SetProbe, SetRobot, SetSeed
 from rona_core.devices.live import LiveState
 from rona_core.devices.samples import JointSample
 from rona_core.robot.kinematics.catalog import robot_model
@@ -314,3 +314,14 @@ def test_a_step_is_being_judged_until_its_figures_are_known(demo):
     assert ">done<" not in html
     assert judged_later(replace(waiting, computing=False)) == frozenset()
     assert judged_later(replace(at, judged=demo, computing=True)) == frozenset()
+
+
+def test_what_a_stale_step_waits_for_is_its_prominent_button_and_its_reason_told_once(
+    demo: Session,
+) -> None:
+    probe = demo.setup.devices.probe.of_probe("1MHz")
+    changed = handle(SetProbe(**asdict(probe)), demo)
+    gui = FakeGui()
+    StepTitle(gui, NOTHING).render(None, snapshot(changed, "maps"))
+    assert gui.html().count("was changed since the scan was recorded") == 1
+    assert gui.find("button", "Scan (step 8) again").color == GO_ON
