@@ -158,8 +158,9 @@ def second_pass_words(snapshot: Snapshot, view: SecondView | None, scanned: bool
             f"{n_scans} A-scans of tilted passes recorded. Map the boundaries with them."
         )
     which = "the tilted pass" if len(passes) == 1 else f"{len(passes)} tilted passes"
+    before = max(0.0, cells.before)
     return html + style.note(
-        f"Inner boundary below {100 * max(0.0, cells.before):.0f} % of the mapped outer one before, "
+        f"Inner boundary below {100 * before:.0f} % of the mapped outer one before, "
         f"{100 * cells.after:.0f} % with {which} ({n_scans} A-scans). White dots: cells "
         f"seen only by {which}.",
         "good",
