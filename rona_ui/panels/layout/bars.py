@@ -244,7 +244,7 @@ class RunBar:
         self._continue.visible = offers
         self._skip.visible = offers and stage is not None and bool(stage.offered)
         failed = judged(new, step).verdict == "fail"  # its remedy comes first
-        beside = partial or offers or failed or step in judged_later(new)  # not what to do now, or not yet
+        beside = partial or offers or failed or step in judged_later(new)
         self._next.color = "gray" if beside else GO_ON
         if after is not None:
             self._next.label = f"Next: {new.step(after).number} {new.step(after).title}"
