@@ -19,6 +19,7 @@ from rona_core.app.steps.roll.derivation import (
     plan_motion,
     plan_motion_again,
 )
+from rona_core.app.steps.roll.export import EXPORTS
 from rona_core.app.steps.roll.inputs import DRIVEN, OWN_ROLLS, PLACEMENT, ROLL, SMOOTHING
 from rona_core.app.steps.roll.messages import ApplyBasePlacement, StartBasePlacement
 from rona_core.app.steps.setup.messages import SetRobot
@@ -225,6 +226,7 @@ STEP = declare.Step(
             recompute=find_places_again,
         ),
     ),
+    exports=EXPORTS,
     line=declare.StepLine(
         "Roll",
         roll_summary,
