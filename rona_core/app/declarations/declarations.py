@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import CancelledError as PoolCancelled
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, Literal, Protocol, TypeAlias, TypeVar, get_type_hints
+from typing import Any, Literal, Protocol, TypeAlias, TypeVar, get_args, get_type_hints
 
 from rona_core.app.declarations.inputs import Input, input_parts
 from rona_core.devices.live import Live
@@ -272,6 +272,10 @@ class StepLine:
     stale: Reason = _no_reason  # a further reason for what is there to be stale
 
 
+ExportKind = Literal["maps", "bed", "volume", "motion", "captures"]
+EXPORT_KINDS: tuple[ExportKind, ...] = get_args(ExportKind)
+
+
 @dataclass(frozen=True, slots=True)
 class Export:
     """A file for other programs: its name, what it holds, and what makes it of a session."""
@@ -279,6 +283,7 @@ class Export:
     name: str
     says: str
     make: Callable[[Session], bytes]
+    kind: ExportKind | None = None  # with which others it is written; None: by its name alone
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,15 +28,14 @@ def columns_of_joints(stated: Sequence[str], model: RobotModel, where: str) -> l
     """
     names = joint_names(model)
     lower = [name.lower() for name in stated]
-    for matches in (
-        lambda name, _, other: other == name,
-        lambda name, _, other: other.endswith(name),
-        lambda _, number, other: (m := NUMBERED.search(other)) is not None and m[1] == number,
+    own = [name.lower() for name in names]
+    numbers = [str(number) for number in range(1, len(names) + 1)]
+    stated_numbers = [named[1] if (named := NUMBERED.search(name)) else "" for name in lower]
+    for found in (
+        [[k for k, other in enumerate(lower) if other == name] for name in own],
+        [[k for k, other in enumerate(lower) if other.endswith(name)] for name in own],
+        [[k for k, other in enumerate(stated_numbers) if other == n] for n in numbers],
     ):
-        found = [
-            [k for k, other in enumerate(lower) if matches(name.lower(), str(number), other)]
-            for number, name in enumerate(names, start=1)
-        ]
         if all(len(columns) == 1 for columns in found):
             return [columns[0] for columns in found]
     raise InvalidInputError(

@@ -9,6 +9,7 @@ import sqlite3
 import struct
 import tempfile
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -62,7 +63,7 @@ def write_mcap(certified: CertifiedMotion) -> bytes:
     Raises:
         InvalidInputError: the extra ``mcap`` is not installed.
     """
-    writer_of = _mcap().writer
+    writer_of = _mcap("writer")
     file = io.BytesIO()
     writer = writer_of.Writer(file, compression=writer_of.CompressionType.NONE)
     writer.start(profile="ros2", library="RONA")
@@ -118,27 +119,24 @@ def _motion_of_states(
     return JointMotion(np.array(times), np.array(rows).reshape(-1, 6), remarks=(remark,))
 
 
-def _mcap() -> Any:
+def _mcap(part: str) -> Any:
+    """Return a part of the extra, which few have."""
     try:
-        import mcap.reader
-        import mcap.writer
+        return import_module(f"mcap.{part}")
     except ImportError:
         raise InvalidInputError(
             "MCAP needs a further package: pip install 'rona[mcap]', or take another format"
         ) from None
-    return mcap
 
 
 def _mcap_messages(file: NamedFile) -> Iterator[Message]:
-    mcap = _mcap()
-    from mcap.exceptions import McapError
-
+    damaged = _mcap("exceptions").McapError
     try:
-        reader = mcap.reader.make_reader(io.BytesIO(file.data))
+        reader = _mcap("reader").make_reader(io.BytesIO(file.data))
         for schema, channel, message in reader.iter_messages():
             if schema is not None and channel.message_encoding == "cdr":
                 yield channel.topic, schema.name, message.data
-    except (McapError, ValueError, EOFError, struct.error) as error:
+    except (damaged, ValueError, EOFError, struct.error) as error:
         raise InvalidInputError(f"{file.name} cannot be read as MCAP: {error}") from None
 
 

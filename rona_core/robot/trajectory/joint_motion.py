@@ -11,13 +11,13 @@ import numpy as np
 
 from rona_core.devices.limits import require
 from rona_core.errors import InvalidInputError
-from rona_core.geometry.arrays import Floats, readonly
+from rona_core.geometry.arrays import Floats, Ints, readonly
 from rona_core.robot.trajectory.trajectory import SAMPLE_S
 
 Interpolation = Literal["linear", "cubic", "quintic"]
 INTERPOLATIONS: tuple[Interpolation, ...] = get_args(Interpolation)
 FINE_S = SAMPLE_S / 2.0  # between places that are looked at on a curve
-MOST_PLACES = 200_000  # of a curve
+MOST_PLACES = 200_000  # that are looked at, by default
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,8 +66,7 @@ def driven(motion: JointMotion, kind: Interpolation) -> DrivenMotion:
         kind: How a controller joins the samples.
 
     Raises:
-        InvalidInputError: a cubic without speeds, a quintic without accelerations, or far too many
-            places.
+        InvalidInputError: a cubic without speeds, or a quintic without accelerations.
     """
     n = len(motion.times_s)
     if kind == "linear":
@@ -78,12 +77,7 @@ def driven(motion: JointMotion, kind: Interpolation) -> DrivenMotion:
     if lacking:
         what = "speeds" if kind == "cubic" else "speeds and accelerations"
         raise InvalidInputError(f"a {kind} needs {what} at each sample, the file states none")
-    counts = np.maximum(1, np.ceil(np.diff(motion.times_s) / FINE_S - 1e-6)).astype(np.int64)
-    if counts.sum() > MOST_PLACES:
-        raise InvalidInputError(
-            f"the motion lasts {motion.times_s[-1]:.0f} s, at most {MOST_PLACES * FINE_S:.0f} s of "
-            "a curve are looked at: are the times in seconds?"
-        )
+    counts = _counts(motion)
     segment = np.repeat(np.arange(n - 1), counts)
     starts = np.cumsum(counts) - counts
     share = (np.arange(len(segment)) - starts[segment]) / counts[segment]
@@ -93,7 +87,23 @@ def driven(motion: JointMotion, kind: Interpolation) -> DrivenMotion:
     return DrivenMotion(times, qs, np.append(segment + share, float(n - 1)))
 
 
-def _curve(motion: JointMotion, kind: Interpolation, segment: Floats, share: Floats) -> Floats:
+def require_places(motion: JointMotion, kind: Interpolation, most: int) -> None:
+    """Raise InvalidInputError where far more places are to be looked at than can be meant."""
+    n = len(motion.times_s) if kind == "linear" else int(_counts(motion).sum())
+    if n > most:
+        raise InvalidInputError(
+            f"the motion lasts {motion.times_s[-1]:.0f} s and has {len(motion.times_s)} samples: "
+            f"{n} places would be looked at, {most} are the most; cut it in parts (are the times "
+            "in seconds?)"
+        )
+
+
+def _counts(motion: JointMotion) -> Ints:
+    """Return in how many parts (n - 1,) each stretch of a curve is looked at."""
+    return np.maximum(1, np.ceil(np.diff(motion.times_s) / FINE_S - 1e-6)).astype(np.int64)
+
+
+def _curve(motion: JointMotion, kind: Interpolation, segment: Ints, share: Floats) -> Floats:
     """Return joint angles (m, 6) on Hermite curves, at shares (m,) of their segments (m,)."""
     span = np.diff(motion.times_s)[segment][:, None]
     u = share[:, None]

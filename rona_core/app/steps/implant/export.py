@@ -69,10 +69,10 @@ def _motion(session: Session) -> CertifiedMotion:
 MOTION_EXPORTS = motion_exports("milling_motion", "certified milling", _motion)
 MOTIONS = tuple(one.name for one in MOTION_EXPORTS)
 EXPORTS = (
-    Export("bed_path.csv", "milling path in the frame of the bed: tip, axis, feed, layer", _csv),
-    Export("bed_path.gcode", "the same as G-code, zero in the middle of the seat", _gcode),
-    Export("bed.stl", "body that is milled away, in base", _stl),
-    Export("bed.mrk.json", "outline, axis, screws and thinnest place for 3D Slicer", _markups),
+    Export("bed_path.csv", "milling path in the bed: tip, axis, feed, layer", _csv, "bed"),
+    Export("bed_path.gcode", "the same as G-code, zero in the middle of the seat", _gcode, "bed"),
+    Export("bed.stl", "body that is milled away, in base", _stl, "bed"),
+    Export("bed.mrk.json", "outline, axis, screws, thinnest place for 3D Slicer", _markups, "bed"),
     *MOTION_EXPORTS,
 )
 

@@ -24,7 +24,7 @@ def motion_exports(name: str, says: str, motion: Motion) -> tuple[Export, ...]:
         return write(motion(session))
 
     return tuple(
-        Export(f"{name}.{ending}", f"{says}: {words}", partial(written, write))
+        Export(f"{name}.{ending}", f"{says}: {words}", partial(written, write), "motion")
         for ending, (words, write) in WRITERS.items()
     )
 
