@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 
 from rona_core.errors import InvalidInputError, SessionFormatError
 from rona_core.geometry.pose import Pose, Poses
-from rona_core.session.codec import MAY_BE_MISSING, TYPE_KEY, OpenType, decode, field_hints
+from rona_core.session.codec import MAY_BE_MISSING, TYPE_KEY, decode, field_hints
 
 FORMAT, VERSION = "RONA captures", 1
+COMPUTED = "computed"  # group of what is not recorded
 KIND, ITEMS = "kind", "items"  # attributes: class of a group, and how many captures it holds
 UNITS = {  # by the end of a name, the longest first
     "per_mm": "1/mm",
@@ -40,18 +41,25 @@ UNITS = {  # by the end of a name, the longest first
 }
 OF_FIELDS = {"rf": "share of the full scale", "wrench": "N, N mm", "offset": "N, N mm"}
 FRAMED = re.compile(r"Ts?_([a-z]+)_([a-z0-9]+)$")
-IN_FRAME = re.compile(r"(?:places|axes|points|geometry|com|tip|seat)_(?:[a-z]+_)*?([a-z]+)(?:_mm)?$")
+IN_FRAME = re.compile(
+    r"(?:places|axes|points|geometry|com|tip|seat)_(?:[a-z]+_)*?([a-z]+)(?:_mm)?$"
+)
 SHARED = 4096  # arrays of more values are packed
 
 Arrays = Mapping[str, NDArray[Any] | None]
 
 
-def captures_hdf5(captures: Mapping[str, Any], about: Mapping[str, str | int]) -> bytes:
+def captures_hdf5(
+    captures: Mapping[str, Any],
+    about: Mapping[str, str | int],
+    Ts_base_probe: Mapping[str, Poses] | None = None,
+) -> bytes:
     """Return captures as an HDF5 file; those that are None or () are left out.
 
     Args:
         captures: By their names in the session; a capture, or a tuple of several.
         about: Attributes of the whole file.
+        Ts_base_probe: Poses of the probe at each A-scan, by pass; they are computed, and not read.
     """
     import h5py  # slow to import
 
@@ -61,6 +69,8 @@ def captures_hdf5(captures: Mapping[str, Any], about: Mapping[str, str | int]) -
         for name, held in captures.items():
             if held is not None and held != ():
                 _write(file, name, held)
+        for name, poses in (Ts_base_probe or {}).items():
+            _write(file.require_group(f"{COMPUTED}/{name}"), "Ts_base_probe", poses)
     return memory.getvalue()
 
 
@@ -185,7 +195,9 @@ class _Reader:
                 data[one.name] = self._data(hints[one.name], place)
             elif type(None) in typing.get_args(hints[one.name]):
                 data[one.name] = None
-            elif one.default is not dataclasses.MISSING and not one.metadata.keys() & MAY_BE_MISSING:
+            elif (
+                one.default is not dataclasses.MISSING and not one.metadata.keys() & MAY_BE_MISSING
+            ):
                 data[one.name] = one.default
             elif typing.get_origin(hints[one.name]) is tuple:
                 data[one.name] = []

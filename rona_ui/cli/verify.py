@@ -64,7 +64,7 @@ def _print(report: MotionReport) -> None:
         word = "holds" if check.holds else "[red]fails[/red]"
         values = (f"{check.value:.4g}", f"{check.limit:.4g}", check.unit, f"{one.sample:g}", word)
         table.add_row(check.name, *values)
-    for one in verdict.told:
+    for one in verdict.not_demanded:
         check = one.check
         word = "not demanded" if check.holds else "[yellow]near; not demanded[/yellow]"
         values = (f"{check.value:.4g}", f"{check.limit:.4g}", check.unit, f"{one.sample:g}", word)

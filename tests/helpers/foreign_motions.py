@@ -14,7 +14,7 @@ from rona_core.geometry.pose import Pose
 from rona_core.robot.collision.collision_world import CollisionWorld
 from rona_core.robot.collision.obstacles import Box, Obstacle, Obstacles
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.robot.trajectory.joint_motion import JointMotion
+from rona_core.robot.verification.joint_motion import JointMotion
 
 ROBOTS = ("rx90", "ur5", "ur10")
 SHAPES = ("spline", "trapezoid", "septic", "sine")

@@ -17,14 +17,14 @@ from rona_core.robot.collision.obstacles import NOTHING_AROUND, Obstacles
 from rona_core.robot.kinematics.catalog import described_robot, milling_robot, robot_model
 from rona_core.robot.kinematics.robot_model import RobotModel, Spindle
 from rona_core.robot.motion_files.formats import read_motion
-from rona_core.robot.trajectory.joint_motion import (
+from rona_core.robot.trajectory.trajectory import motion_digest
+from rona_core.robot.verification.foreign_motion import Finding, ForeignVerdict, verify_foreign
+from rona_core.robot.verification.joint_motion import (
     MOST_PLACES,
     Interpolation,
     JointMotion,
     require_places,
 )
-from rona_core.robot.trajectory.trajectory import motion_digest
-from rona_core.robot.verification.foreign_motion import Finding, ForeignVerdict, verify_foreign
 from rona_core.robot.verification.tolerances import Tolerances
 from rona_core.session.document import Session
 
@@ -83,7 +83,7 @@ class MotionReport:
                 "obstacles": certificate.obstacles,
             },
             "checks": [_row(one) for one in self.verdict.findings],
-            "told": [_row(one) for one in self.verdict.told],
+            "not_demanded": [_row(one) for one in self.verdict.not_demanded],
             "hints": list(self.verdict.hints),
             "remarks": list(self.remarks),
         }
@@ -168,7 +168,7 @@ def _robot(robot: str | Path, tool: HeldTool, remarks: list[str]) -> RobotModel:
 def _in_session(
     session: Session, model: RobotModel, tool: HeldTool
 ) -> tuple[RobotModel, Obstacles]:
-    """Return the robot with its burr as it was registered, and what it is to keep away from."""
+    """Return the robot with its burr as it was registered, and the obstacles around it."""
     around = session_obstacles(session)
     if tool == "probe":
         return model, around

@@ -11,7 +11,7 @@ from rona_core.geometry.arrays import Floats
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.motion_files.certified import CertifiedMotion
 from rona_core.robot.motion_files.joint_names import columns_of_joints
-from rona_core.robot.trajectory.joint_motion import JointMotion
+from rona_core.robot.verification.joint_motion import JointMotion
 
 COLUMNS = ("time_s", *(f"q{joint}_rad" for joint in range(1, 7)))
 TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}

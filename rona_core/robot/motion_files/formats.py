@@ -10,7 +10,7 @@ from rona_core.robot.motion_files.csv_motion import read_csv, write_csv
 from rona_core.robot.motion_files.joint_trajectory import read_trajectory, write_json, write_yaml
 from rona_core.robot.motion_files.ros_bags import MCAP_MAGIC, SQLITE_MAGIC, read_bag, write_mcap
 from rona_core.robot.motion_files.urscript import read_urscript, write_urscript
-from rona_core.robot.trajectory.joint_motion import JointMotion
+from rona_core.robot.verification.joint_motion import JointMotion
 
 URSCRIPT = "script"
 WRITERS: Mapping[str, tuple[str, Callable[[CertifiedMotion], bytes]]] = {  # by ending

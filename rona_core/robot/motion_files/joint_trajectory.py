@@ -16,7 +16,7 @@ from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.motion_files.certified import CertifiedMotion
 from rona_core.robot.motion_files.joint_names import columns_of_joints, joint_names
 from rona_core.robot.motion_files.yaml_subset import parse_yaml
-from rona_core.robot.trajectory.joint_motion import JointMotion
+from rona_core.robot.verification.joint_motion import JointMotion
 
 NS_PER_S = 1_000_000_000
 SECONDS, REST = ("sec", "secs"), ("nanosec", "nsec", "nsecs")

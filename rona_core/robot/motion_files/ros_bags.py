@@ -25,7 +25,7 @@ from rona_core.robot.motion_files.joint_trajectory import (
     motion_of_message,
     trajectory_message,
 )
-from rona_core.robot.trajectory.joint_motion import JointMotion
+from rona_core.robot.verification.joint_motion import JointMotion
 
 TRAJECTORY, STATE = "trajectory_msgs/msg/JointTrajectory", "sensor_msgs/msg/JointState"
 TOPIC = "/joint_trajectory"

@@ -12,8 +12,8 @@ from rona_core.devices.robots import UNIVERSAL
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats
 from rona_core.robot.motion_files.certified import CertifiedMotion
-from rona_core.robot.trajectory.joint_motion import JointMotion
 from rona_core.robot.trajectory.trajectory import TimedMotion
+from rona_core.robot.verification.joint_motion import JointMotion
 
 PERIOD_S = 0.008  # of servoj, on controllers of the CB series; those of the e series are faster
 LOOKAHEAD_S, GAIN = 0.03, 1000  # the least smoothing that servoj has, so that it lags the least

@@ -1,6 +1,6 @@
 """Verification of a motion that was planned elsewhere: by the same checks as one's own.
 
-What is driven between the samples is stated, see ``trajectory.joint_motion``. Where it is linear
+What is driven between the samples is stated, see ``verification.joint_motion``. Where it is linear
 the samples are verified as they are, so that a motion of one's own has the certificate it had.
 """
 
@@ -12,13 +12,13 @@ import numpy as np
 from rona_core.geometry.arrays import Floats
 from rona_core.robot.collision.obstacles import NOTHING_AROUND, Obstacles
 from rona_core.robot.kinematics.robot_model import RobotModel
-from rona_core.robot.trajectory.joint_motion import (
+from rona_core.robot.verification.certificate import Certificate, Check
+from rona_core.robot.verification.joint_motion import (
     DrivenMotion,
     Interpolation,
     JointMotion,
     driven,
 )
-from rona_core.robot.verification.certificate import Certificate, Check
 from rona_core.robot.verification.motion_checks import DenseMotion, singular_checks
 from rona_core.robot.verification.tolerances import SHORTEST_S, Tolerances, tolerances_digest
 from rona_core.robot.verification.verifier import certify
@@ -60,7 +60,7 @@ class ForeignVerdict:
     driven: DrivenMotion
     interpolation: Interpolation
     findings: tuple[Finding, ...]  # all that was looked at
-    told: tuple[Finding, ...]  # what is told and not demanded
+    not_demanded: tuple[Finding, ...]  # what is only looked at
     hints: tuple[str, ...]  # what may be wrong with the file
 
     def refused(self) -> tuple[Finding, ...]:
@@ -104,8 +104,10 @@ def verify_foreign(
     insisted = tolerances_digest(allowed) + (" singular" if demand_singular else "")
     certificate = certify(model, way, allowed, insisted, obstacles, task_checks)
     findings = tuple(_found(one, model, way) for one in certificate.checks)
-    told = () if demand_singular else tuple(_found(one, model, way) for one in margins)
-    return ForeignVerdict(certificate, way, kind, findings, told, _hints(motion, kind, findings))
+    margins_found = () if demand_singular else tuple(_found(one, model, way) for one in margins)
+    return ForeignVerdict(
+        certificate, way, kind, findings, margins_found, _hints(motion, kind, findings)
+    )
 
 
 def _found(one: Check, model: RobotModel, way: DrivenMotion) -> Finding:

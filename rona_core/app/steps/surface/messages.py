@@ -20,6 +20,11 @@ class BuildSurface:
 
 
 @message
+class UseCloud:
+    """Take the point cloud that was imported as the surface."""
+
+
+@message
 class ClearSurface:
     """Forget the recorded strokes, to sample the surface anew."""
 

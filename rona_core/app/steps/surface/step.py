@@ -14,15 +14,18 @@ from rona_core.app.steps.pointer.derivation import POINTER
 from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.surface import messages
 from rona_core.app.steps.surface.derivation import (
+    CLOUD,
     SURFACE,
     SURFACE_CAPTURE,
     build_surface,
+    cloud_from_elsewhere,
+    is_own_cloud,
     register_skull,
     require_loaded,
 )
 from rona_core.app.steps.tool.derivation import TOOL
 from rona_core.app.steps.tool.step import moved_tracker
-from rona_core.session.captures import PointerCapture
+from rona_core.session.captures import PointerCapture, PointsCapture
 from rona_core.session.document import Session
 
 SHORTEST_S = 1.0  # of a stroke
@@ -78,7 +81,8 @@ def _summary(session: Session) -> str:
     held = session.results.surface
     if held is None:
         return ""
-    remark = carried_remark(session, session.captures.surface)
+    strokes = () if is_own_cloud(session) else session.captures.surface
+    remark = carried_remark(session, strokes)
     return f"{len(held.value.points_base)} points{remark}"
 
 
@@ -88,6 +92,7 @@ STEP = declare.Step(
         declare.Command(
             messages.BuildSurface, compute_result, needs=(SURFACE_CAPTURE, TOOL, POINTER)
         ),
+        declare.Command(messages.UseCloud, compute_result, needs=(CLOUD,)),
         declare.Command(
             messages.ClearSurface, clear_surface, done="the strokes over the skull were removed"
         ),
@@ -117,6 +122,13 @@ STEP = declare.Step(
             place=place_stroke,
             done="the strokes over the skull were recorded",
         ),
+        declare.Capture(
+            "cloud",
+            "import a point cloud (step 4)",
+            (),
+            types=(PointsCapture,),
+            done="a point cloud was imported",
+        ),
     ),
     results=(
         declare.Result.of(
@@ -125,6 +137,13 @@ STEP = declare.Step(
             build_surface,
             "sample the surface (step 4)",
             done="the surface was computed",
+        ),
+        declare.Result.of(
+            "surface",
+            messages.UseCloud,
+            cloud_from_elsewhere,
+            "sample the surface (step 4)",
+            done="the imported point cloud was taken",
         ),
         declare.Result.of(
             "registration",
@@ -139,6 +158,6 @@ STEP = declare.Step(
         "Surface",
         _summary,
         messages.StartSurfaceCapture,
-        leaves=lambda session: (SURFACE_CAPTURE, SURFACE),
+        leaves=lambda s: (SURFACE,) if is_own_cloud(s) else (SURFACE_CAPTURE, SURFACE),
     ),
 )

@@ -8,8 +8,8 @@ import pytest
 from rona_core.errors import InvalidInputError
 from rona_core.robot.kinematics.catalog import described_robot, robot_model
 from rona_core.robot.kinematics.universal_robots import urdf_path
-from rona_core.robot.trajectory.joint_motion import JointMotion, driven, require_places
 from rona_core.robot.verification.foreign_motion import verify_foreign
+from rona_core.robot.verification.joint_motion import JointMotion, driven, require_places
 from tests.helpers.foreign_motions import FAULTS, ROBOTS, faulty, good, planned
 
 UR5 = robot_model("ur5")
@@ -99,7 +99,9 @@ def test_a_straight_wrist_is_told_and_refused_on_demand():
     q[:, 4] += np.deg2rad(20.0) * (0.5 - 0.5 * np.cos(2.0 * np.pi * times / 4.0))
     verdict = verify_foreign(robot_model("rx90"), JointMotion(times, q))
     assert verdict.certificate.certified
-    (wrist,) = [one for one in verdict.told if one.check.name.startswith("wrist from straight")]
+    (wrist,) = [
+        one for one in verdict.not_demanded if one.check.name.startswith("wrist from straight")
+    ]
     assert wrist.check.value < 1.0
     refused = verify_foreign(robot_model("rx90"), JointMotion(times, q), demand_singular=True)
     assert [one.check.name for one in refused.refused()] == ["wrist from straight"]
