@@ -107,6 +107,17 @@ class PointsCapture:
     partial: bool = False
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class MotionCapture:
+    """Step 7: a motion of the robot that was planned elsewhere, linear between its samples."""
+
+    ordinal: int
+    setup_digest: str
+    times_s: Floats  # (n,) from 0
+    qs_rad: Floats  # (n, 6)
+    partial: bool = False
+
+
 class OpenCapture(OpenType, Protocol):
     """A capture of a declared class that has no field of its own in the session."""
 

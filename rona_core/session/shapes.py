@@ -54,6 +54,7 @@ SHAPES: dict[str, dict[str, str]] = {
         "u v": "outer.height_mm inner.height_mm fused.height_mm",
     },
     "MillingPlan": {"l": "layer_ends_s", "c": "changes_s"},
+    "MotionCapture": {"n": "times_s", "n 6": "qs_rad"},
     "Normals": {
         "m 3": "normals eigenvalues",
         "m": "count sigma_deg ok radii_mm",

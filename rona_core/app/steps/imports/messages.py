@@ -15,11 +15,13 @@ class StartImport:
 
     `captures` is an HDF5 file as RONA exports it (``captures.h5``): tracked A-scans, joints,
     forces, strokes; ``only`` names those that are wanted. `cloud` (PLY, CSV) is the surface in
-    `base`, `path` (CSV, `.mrk.json`) the scan path in `base`, in mm.
+    `base`, `path` (CSV, `.mrk.json`) the scan path in `base`, in mm. `motion` (CSV,
+    JointTrajectory, URScript, a bag of ROS 2) is the motion of the scan, driven as ROS joins its
+    samples; it becomes the plan of step 7, which the verifier certifies or refuses.
     """
 
     file: str = limited(**FILE_NAME)
-    purpose: Literal["captures", "cloud", "path"] = "captures"
+    purpose: Literal["captures", "cloud", "path", "motion"] = "captures"
     only: tuple[str, ...] = limited((), maxItems=MOST_NAMES, maxLength=40)
 
     def __post_init__(self) -> None:

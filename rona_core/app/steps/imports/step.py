@@ -4,6 +4,8 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any, get_args
 
+import numpy as np
+
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext, Message
 from rona_core.app.declarations.registry import REGISTRY
@@ -14,6 +16,7 @@ from rona_core.app.steps.implant.burr.messages import RegisterBurr
 from rona_core.app.steps.imports.messages import StartImport
 from rona_core.app.steps.path.messages import BuildPath, UsePathPoints
 from rona_core.app.steps.pointer.messages import CalibratePointer
+from rona_core.app.steps.roll.messages import UseMotion
 from rona_core.app.steps.scan.landmarks.messages import VerifyLandmarks
 from rona_core.app.steps.scan.messages import CalibrateProbeMounting
 from rona_core.app.steps.surface.messages import BuildSurface, UseCloud
@@ -24,10 +27,15 @@ from rona_core.devices.files.reader_process import Found
 from rona_core.devices.files.size_limits import read_file
 from rona_core.devices.files.text_tables import NamedFile
 from rona_core.errors import InvalidInputError, NotFoundError
+from rona_core.geometry.arrays import readonly
+from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.robot.motion_files.formats import read_motion
+from rona_core.robot.verification.joint_motion import driven, require_places
 from rona_core.session.capture_files import FORMAT, capture_from
-from rona_core.session.captures import Capture, PointsCapture, imported_digest
+from rona_core.session.captures import Capture, MotionCapture, PointsCapture, imported_digest
 from rona_core.session.document import Captures, Session
 
+MOST_PLACES = 30_000  # of an imported motion
 POINTS = {"cloud": ("cloud", UseCloud), "path": ("path_points", UsePathPoints)}
 # capture -> what follows, and which other captures (or results of this name) that needs
 FOLLOWS: dict[str, tuple[type, tuple[str, ...]]] = {
@@ -37,6 +45,7 @@ FOLLOWS: dict[str, tuple[type, tuple[str, ...]]] = {
     "cloud": (UseCloud, ()),
     "path": (BuildPath, ("tool", "pointer")),
     "path_points": (UsePathPoints, ()),
+    "motion": (UseMotion, ("smoothing",)),
     "block": (CalibrateDelayLine, ()),
     "gauge": (CalibrateProbeMounting, ()),
     "landmarks": (VerifyLandmarks, ("tool", "pointer")),
@@ -60,9 +69,25 @@ def perform_import(
     file = NamedFile(activity.file, read_file(path, "an uploaded file"))
     if activity.purpose == "captures":
         return _captures(file, activity.only, session)
+    if activity.purpose == "motion":
+        return _motion(file, session)
     name, follows = POINTS[activity.purpose]
     ordinal, taken_from = len(session.archive) + 1, imported_digest([file.data])
     return (StoreCapture(name, PointsCapture(ordinal, taken_from, read_points(file))), follows())
+
+
+def _motion(file: NamedFile, session: Session) -> tuple[Message, ...]:
+    """Return messages that store a motion as it is driven, and hold it against the path."""
+    motion = read_motion(file, robot_model(session.setup.devices.robot.model))
+    require_places(motion, motion.stated(), MOST_PLACES)
+    if not bool((np.diff(motion.times_s) > 0.0).all()):
+        raise InvalidInputError(f"{file.name}: times must grow: `rona verify` says where")
+    way = driven(motion, motion.stated())
+    taken = MotionCapture(0, "", readonly(way.times_s), readonly(way.qs_rad))
+    return (
+        StoreCapture("motion", _marked(taken, len(session.archive) + 1, file, session)),
+        UseMotion(),
+    )
 
 
 def _captures(file: NamedFile, only: tuple[str, ...], session: Session) -> list[Message]:
