@@ -128,7 +128,8 @@ def capture_from(name: str, kinds: tuple[type, ...], arrays: Arrays, where: str)
     Args:
         name: Of the capture in the session.
         kinds: The classes that it may be of; the first one where the file does not say.
-        arrays: What the file holds: datasets by their path, attributes as ``path@name``.
+        arrays: What the file holds: datasets by their path, attributes as ``path@name``. Number and
+            set-up of a capture may be missing: whoever imports it gives it others.
         where: The file, for messages.
 
     Raises:
@@ -159,7 +160,8 @@ class _Reader:
     def capture(self, path: str, kinds: tuple[type, ...]) -> Any:
         named = self._attribute(path, KIND)
         kind = next((one for one in kinds if one.__name__ == named), kinds[0])
-        return decode(self._data(kind, path), kind, self._given, path)
+        data = {"ordinal": 0, "setup_digest": "", **self._data(kind, path)}
+        return decode(data, kind, self._given, path)
 
     def _attribute(self, path: str, name: str) -> Any:
         value = self._arrays.get(f"{path}@{name}")

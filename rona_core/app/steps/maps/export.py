@@ -128,5 +128,5 @@ def _of_session(make: Maker) -> Callable[[Session], bytes]:
 EXPORTS = (
     Export(ALL, "all files of the maps, with a manifest", _archive),
     *(Export(name, says, _of_session(make), "maps") for name, says, make in FILES),
-    Export("echo_volume.nrrd", "echoes as a volume over the maps", volume_file, "volume"),
 )
+VOLUME = Export("echo_volume.nrrd", "echoes as a volume over the maps", volume_file, "volume")
