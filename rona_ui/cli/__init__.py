@@ -216,7 +216,9 @@ def _add_export(verbs: Any) -> None:
         ("motion", "certified motions: CSV, JointTrajectory, URScript, MCAP"),
         ("captures", "what the devices recorded (HDF5), and all transforms (JSON, .tfm)"),
     ):
-        verb.add_argument(f"--{kind}", action="store_true", help=text)
+        verb.add_argument(
+            f"--{kind}", action="append_const", dest="kinds", const=kind, default=[], help=text
+        )
 
 
 def _add_compare(verbs: Any) -> None:

@@ -3,7 +3,6 @@
 import sys
 from typing import Any
 
-from rona_core.app.declarations.declarations import EXPORT_KINDS
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.errors import RonaError, storing
 from rona_core.session.files import load_session
@@ -18,13 +17,12 @@ def run(wanted: Any) -> int:
     are said.
     """
     session = load_session(wanted.file)
-    kinds = [kind for kind in EXPORT_KINDS if getattr(wanted, kind)]
     made = {name: REGISTRY.export(session, name) for name in wanted.only}
-    if not kinds and not made:  # the maps, all of them or none
+    if not wanted.kinds and not made:  # the maps, all of them or none
         maps = [one.name for one in REGISTRY.exports.values() if one.kind == "maps"]
         made = {name: REGISTRY.export(session, name) for name in maps}
     for one in REGISTRY.exports.values():
-        if one.kind in kinds:
+        if one.kind in wanted.kinds:
             try:
                 made[one.name] = one.make(session)
             except RonaError as error:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import CancelledError as PoolCancelled
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, Literal, Protocol, TypeAlias, TypeVar, get_args, get_type_hints
+from typing import Any, Literal, Protocol, TypeAlias, TypeVar, get_type_hints
 
 from rona_core.app.declarations.inputs import Input, input_parts
 from rona_core.devices.live import Live
@@ -273,7 +273,6 @@ class StepLine:
 
 
 ExportKind = Literal["maps", "bed", "volume", "motion", "captures"]
-EXPORT_KINDS: tuple[ExportKind, ...] = get_args(ExportKind)
 
 
 @dataclass(frozen=True, slots=True)

@@ -48,7 +48,10 @@ def demo(client):
     """The id of a copy of the demo session."""
     made = client.post("/sessions/demo")
     assert made.status_code == 201, made.text
-    yield made.json()["id"]
+    session = made.json()["id"]
+    motion = client.get(f"/sessions/{session}/roll/motion").content
+    client.post(f"/sessions/{session}/uploads", params={"name": "scan.csv"}, content=motion)
+    yield session
     client.delete(f"/sessions/{made.json()['id']}")
 
 

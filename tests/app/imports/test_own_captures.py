@@ -117,8 +117,8 @@ def test_a_scan_that_was_imported_gives_the_same_maps(demo, bench):
         np.testing.assert_array_equal(maps[0].ok, maps[1].ok)
         np.testing.assert_allclose(maps[0].height_mm, maps[1].height_mm, atol=1e-9)
     judged = original.figures()
-    assert judged["outer_rms_fused_mm"] is not None
-    assert bench.figures()["outer_rms_fused_mm"] is None
+    assert judged["outer_rms_mm"] is not None
+    assert bench.figures()["outer_rms_mm"] is None
     with pytest.raises(DeviceError, match="imported"):
         bench.map_errors()
     original.close()
