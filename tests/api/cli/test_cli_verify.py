@@ -85,6 +85,7 @@ def test_speed_of_the_tool_and_straight_wrists_are_asked_for(capsys, tmp_path, m
     asked(capsys, file, "--robot", "ur5", "--picture", tmp_path / "a.jpg", status=2)
 
 
+@pytest.mark.slow
 def test_the_motions_of_a_session_have_the_certificates_that_they_had(demo, tmp_path):
     for name, result, tool in (("scan", "roll", "probe"), ("milling", "milling", "burr")):
         data = REGISTRY.export(demo, f"{name}_motion.csv")

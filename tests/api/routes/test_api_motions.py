@@ -49,6 +49,7 @@ def test_an_uploaded_motion_is_judged(client, web, session):
         assert client.get(at, params=params).status_code == status, params
 
 
+@pytest.mark.slow
 def test_captures_come_back_over_rest(client, web, session):
     data = client.get(f"/sessions/{session}/export/captures.h5").content
     bench = web.hub.get(session)

@@ -82,6 +82,7 @@ def test_the_file_is_read_by_others_with_units_and_frames(demo, captures):
         REGISTRY.export(Session(), FILE)
 
 
+@pytest.mark.slow
 def test_every_capture_comes_back_as_it_was_and_is_marked(demo, bench):
     bench.run(StartImport(FILE, only=("tool", "pointer", "surface", "path", "references")))
     session = bench.session
@@ -124,6 +125,7 @@ def test_a_scan_that_was_imported_gives_the_same_maps(demo, bench):
     original.close()
 
 
+@pytest.mark.slow
 def test_captures_of_other_devices_and_damaged_files_are_refused(bench, captures):
     bench.dispatch(SetRobot(model="ur10"))
     with pytest.raises(InvalidInputError, match="the robot rx90, the set-up has ur10"):
@@ -166,6 +168,7 @@ def mirrored(held):
     held["tool/marker/Ts_tracker_marker"][:, 0, :3] *= -1.0
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -203,6 +206,7 @@ def test_a_file_of_others_needs_no_more_than_what_was_measured(demo, bench):
     np.testing.assert_array_equal(held.scans.rf, scan.scans.rf)
 
 
+@pytest.mark.slow
 def test_a_cloud_and_a_path_of_others_lead_to_a_certified_motion(demo, bench):
     cloud, path = demo.results.surface.value.points_base, demo.results.path.value.points_base
     rows = "\n".join(",".join(map(repr, one)) for one in cloud.tolist())
@@ -227,6 +231,7 @@ def test_a_cloud_and_a_path_of_others_lead_to_a_certified_motion(demo, bench):
     assert bench.figures()["surface_points"] == len(cloud)
 
 
+@pytest.mark.slow
 def test_a_motion_of_others_is_the_plan_once_it_is_certified(demo, bench, tmp_path):
     other = new_workbench(demo.with_result("roll", None), tmp_path)
     put(other, "scan.json", REGISTRY.export(demo, "scan_motion.json"))
@@ -252,6 +257,7 @@ def test_a_motion_of_others_is_the_plan_once_it_is_certified(demo, bench, tmp_pa
         bench.run(StartImport("scan.csv", "motion"))
 
 
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("ending", ["csv", "json", "yaml"])
 def test_motions_leave_with_digests_and_are_certified_again(demo, ending):
     data = REGISTRY.export(demo, f"scan_motion.{ending}")
