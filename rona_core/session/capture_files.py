@@ -129,7 +129,7 @@ def capture_from(name: str, kinds: tuple[type, ...], arrays: Arrays, where: str)
         name: Of the capture in the session.
         kinds: The classes that it may be of; the first one where the file does not say.
         arrays: What the file holds: datasets by their path, attributes as ``path@name``. Number and
-            set-up of a capture may be missing: whoever imports it gives it others.
+            set-up of a capture may be missing: an import gives it others.
         where: The file, for messages.
 
     Raises:
