@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from rona_core.app.declarations.figures import FIGURES
 from rona_core.app.dependencies.staleness import made_of
 from rona_core.app.overview.predicted_accuracy import predicted_figures
-from rona_core.app.steps.surface.messages import UseCloud
+from rona_core.app.steps.surface.messages import TakeCloud
 from rona_core.evaluation.map_metrics import (
     bed_figures,
     map_figures,
@@ -115,7 +115,7 @@ def _navigation(session: "Session", truth: Truth) -> Figures:
 def _foreign_surface(session: "Session") -> bool:
     """Return whether the surface came out of a file: no virtual device knows its truth."""
     made = session.results.surface
-    cloud = made is not None and made.message == UseCloud.__name__
+    cloud = made is not None and made.message == TakeCloud.__name__
     return cloud or any(map(is_imported, session.captures.surface))
 
 

@@ -14,12 +14,12 @@ from rona_core.app.messages.message import StoreCapture
 from rona_core.app.steps.acoustics.messages import CalibrateDelayLine
 from rona_core.app.steps.implant.burr.messages import RegisterBurr
 from rona_core.app.steps.imports.messages import StartImport
-from rona_core.app.steps.path.messages import BuildPath, UsePathPoints
+from rona_core.app.steps.path.messages import BuildPath, TakePathPoints
 from rona_core.app.steps.pointer.messages import CalibratePointer
-from rona_core.app.steps.roll.messages import UseMotion
+from rona_core.app.steps.roll.messages import TakeMotion
 from rona_core.app.steps.scan.landmarks.messages import VerifyLandmarks
 from rona_core.app.steps.scan.messages import CalibrateProbeMounting
-from rona_core.app.steps.surface.messages import BuildSurface, UseCloud
+from rona_core.app.steps.surface.messages import BuildSurface, TakeCloud
 from rona_core.app.steps.tool.messages import RegisterTool
 from rona_core.devices.files.hdf5_tree import read_hdf5_tree
 from rona_core.devices.files.point_files import read_points
@@ -36,16 +36,16 @@ from rona_core.session.captures import Capture, MotionCapture, PointsCapture, im
 from rona_core.session.document import Captures, Session
 
 MOST_PLACES = 30_000  # of an imported motion
-POINTS = {"cloud": ("cloud", UseCloud), "path": ("path_points", UsePathPoints)}
+POINTS = {"cloud": ("cloud", TakeCloud), "path": ("path_points", TakePathPoints)}
 # capture -> what follows, and which other captures (or results of this name) that needs
 FOLLOWS: dict[str, tuple[type, tuple[str, ...]]] = {
     "tool": (RegisterTool, ()),
     "pointer": (CalibratePointer, ()),
     "surface": (BuildSurface, ("tool", "pointer")),
-    "cloud": (UseCloud, ()),
+    "cloud": (TakeCloud, ()),
     "path": (BuildPath, ("tool", "pointer")),
-    "path_points": (UsePathPoints, ()),
-    "motion": (UseMotion, ("smoothing",)),
+    "path_points": (TakePathPoints, ()),
+    "robot_motion": (TakeMotion, ("smoothing",)),
     "block": (CalibrateDelayLine, ()),
     "gauge": (CalibrateProbeMounting, ()),
     "landmarks": (VerifyLandmarks, ("tool", "pointer")),
@@ -85,8 +85,8 @@ def _motion(file: NamedFile, session: Session) -> tuple[Message, ...]:
     way = driven(motion, motion.stated())
     taken = MotionCapture(0, "", readonly(way.times_s), readonly(way.qs_rad))
     return (
-        StoreCapture("motion", _marked(taken, len(session.archive) + 1, file, session)),
-        UseMotion(),
+        StoreCapture("robot_motion", _marked(taken, len(session.archive) + 1, file, session)),
+        TakeMotion(),
     )
 
 

@@ -9,7 +9,7 @@ from rona_core.app.steps.path.inputs import (
     PointsInputs,
     allowed_in_patch,
 )
-from rona_core.app.steps.path.messages import BuildPath, GenerateScanPattern, UsePathPoints
+from rona_core.app.steps.path.messages import BuildPath, GenerateScanPattern, TakePathPoints
 from rona_core.app.steps.surface.derivation import tip_track
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.rigid_fit import fit_plane
@@ -38,7 +38,7 @@ def map_path(known: PathInputs, message: BuildPath) -> RawPath:
     return RawPath(points_base)
 
 
-def path_from_elsewhere(known: PointsInputs, message: UsePathPoints) -> RawPath:
+def path_from_elsewhere(known: PointsInputs, message: TakePathPoints) -> RawPath:
     """Return the points of a path that was drawn elsewhere."""
     return RawPath(known.capture.points_base)
 

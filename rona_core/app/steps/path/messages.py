@@ -60,7 +60,7 @@ class GenerateScanPattern:
 
 
 @message
-class UsePathPoints:
+class TakePathPoints:
     """Take the points that were imported as the scan path, in their order."""
 
 

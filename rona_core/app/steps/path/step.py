@@ -190,10 +190,10 @@ def change_path(message: messages.PathChange, session: Session) -> Session:
 
 
 def compute_path(
-    message: messages.BuildPath | messages.GenerateScanPattern | messages.UsePathPoints,
+    message: messages.BuildPath | messages.GenerateScanPattern | messages.TakePathPoints,
     session: Session,
 ) -> Session:
-    """Carry out `BuildPath`, `GenerateScanPattern` or `UsePathPoints`.
+    """Carry out `BuildPath`, `GenerateScanPattern` or `TakePathPoints`.
 
     Edits by hand were of another path.
     """
@@ -246,7 +246,7 @@ STEP = declare.Step(
     commands=(
         declare.Command(messages.BuildPath, compute_path, needs=(PATH_CAPTURE, TOOL, POINTER)),
         declare.Command(messages.GenerateScanPattern, compute_path, needs=(SURFACE,)),
-        declare.Command(messages.UsePathPoints, compute_path, needs=(POINTS,)),
+        declare.Command(messages.TakePathPoints, compute_path, needs=(POINTS,)),
         declare.Command(
             messages.MovePathPoint,
             change_path,
@@ -312,9 +312,9 @@ STEP = declare.Step(
         declare.Capture(
             "path_points",
             "import a scan path (step 5)",
-            (),
+            (parts.specimen,),
             types=(PointsCapture,),
-            done="a scan path was imported",
+            done="the points of the path were imported",
         ),
     ),
     results=(
@@ -334,7 +334,7 @@ STEP = declare.Step(
         ),
         declare.Result.of(
             "path",
-            messages.UsePathPoints,
+            messages.TakePathPoints,
             path_from_elsewhere,
             "demonstrate the path (step 5)",
             done="the imported scan path was taken",

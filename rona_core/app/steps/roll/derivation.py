@@ -11,7 +11,7 @@ from rona_core.app.steps.roll.inputs import (
     RollInputs,
     roll_search,
 )
-from rona_core.app.steps.roll.messages import StartBasePlacement, StartRollSearch, UseMotion
+from rona_core.app.steps.roll.messages import StartBasePlacement, StartRollSearch, TakeMotion
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.path5d import Path5D
@@ -76,7 +76,7 @@ def plan_motion_again(
     return plan_chosen_roll(known.driven, plan, chosen, branch if isinstance(branch, int) else None)
 
 
-def take_motion(known: MotionInputs, message: UseMotion) -> RobotPlan:
+def take_motion(known: MotionInputs, message: TakeMotion) -> RobotPlan:
     """Hold a motion from elsewhere against the path.
 
     Raises:
@@ -97,7 +97,7 @@ def take_motion_again(
 ) -> RobotPlan:
     """Hold it against the path again, and take again the roll that was chosen after it."""
     chosen, branch = arguments.get("chosen"), arguments.get("branch")
-    plan = take_motion(known, UseMotion())
+    plan = take_motion(known, TakeMotion())
     if not isinstance(chosen, int):
         return plan
     return plan_chosen_roll(known.driven, plan, chosen, branch if isinstance(branch, int) else None)

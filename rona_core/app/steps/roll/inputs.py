@@ -80,7 +80,7 @@ class PlacementInputs:
     driven: Driven = given(DRIVEN)
 
 
-MOTION: Input[MotionCapture] = capture_input("motion")
+MOTION: Input[MotionCapture] = capture_input("robot_motion")
 
 
 @inputs()

@@ -9,7 +9,7 @@ from rona_core.robot.base_placement.reachability import MAX_PLACES, BaseSearch
 
 
 @message
-class UseMotion:
+class TakeMotion:
     """Take the motion that was imported as the plan of the scan, if the verifier certifies it."""
 
 

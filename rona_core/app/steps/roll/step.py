@@ -24,6 +24,7 @@ from rona_core.app.steps.roll.derivation import (
 from rona_core.app.steps.roll.export import EXPORTS
 from rona_core.app.steps.roll.inputs import DRIVEN, MOTION, OWN_ROLLS, PLACEMENT, ROLL, SMOOTHING
 from rona_core.app.steps.roll.messages import ApplyBasePlacement, StartBasePlacement
+from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.setup.messages import SetRobot
 from rona_core.app.steps.setup.step import set_robot
 from rona_core.app.steps.tool.messages import StartRobotMove
@@ -177,15 +178,15 @@ STEP = declare.Step(
     "roll",
     captures=(
         declare.Capture(
-            "motion",
+            "robot_motion",
             "import a motion (step 7)",
-            (),
+            (parts.robot, parts.robot_errors),
             types=(MotionCapture,),
-            done="a motion was imported",
+            done="the motion was imported",
         ),
     ),
     commands=(
-        declare.Command(messages.UseMotion, compute_result, needs=(MOTION, SMOOTHING)),
+        declare.Command(messages.TakeMotion, compute_result, needs=(MOTION, SMOOTHING)),
         declare.Command(
             messages.ChooseRoll, choose_roll, needs=(ROLL,), done="the roll was chosen"
         ),
@@ -230,7 +231,7 @@ STEP = declare.Step(
         replace(
             declare.Result.of(
                 "roll",
-                messages.UseMotion,
+                messages.TakeMotion,
                 take_motion,
                 "plan the motion (step 7)",
                 judged=judge_plan,

@@ -24,7 +24,7 @@ from rona_core.app.dependencies.staleness import (
 )
 from rona_core.app.steps.pointer.derivation import POINTER
 from rona_core.app.steps.setup.capture_parts import REGION, SKULL, reference_input
-from rona_core.app.steps.surface.messages import BuildSurface, StartSkullRegistration, UseCloud
+from rona_core.app.steps.surface.messages import BuildSurface, StartSkullRegistration, TakeCloud
 from rona_core.app.steps.tool.derivation import TOOL
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.calibration.handheld.pointer import PointerCalibration
@@ -148,10 +148,10 @@ class CloudInputs:
 def is_own_cloud(session: Session) -> bool:
     """Return whether the surface is a point cloud from elsewhere."""
     held = session.results.surface
-    return held is not None and held.message == UseCloud.__name__
+    return held is not None and held.message == TakeCloud.__name__
 
 
-def cloud_from_elsewhere(known: CloudInputs, message: UseCloud) -> SurfaceCloud:
+def cloud_from_elsewhere(known: CloudInputs, message: TakeCloud) -> SurfaceCloud:
     """Return the points of a cloud from elsewhere, as they are; they have no times."""
     points, n = known.capture.points_base, len(known.capture.points_base)
     return SurfaceCloud(

@@ -20,7 +20,7 @@ class BuildSurface:
 
 
 @message
-class UseCloud:
+class TakeCloud:
     """Take the point cloud that was imported as the surface."""
 
 

@@ -92,7 +92,7 @@ STEP = declare.Step(
         declare.Command(
             messages.BuildSurface, compute_result, needs=(SURFACE_CAPTURE, TOOL, POINTER)
         ),
-        declare.Command(messages.UseCloud, compute_result, needs=(CLOUD,)),
+        declare.Command(messages.TakeCloud, compute_result, needs=(CLOUD,)),
         declare.Command(
             messages.ClearSurface, clear_surface, done="the strokes over the skull were removed"
         ),
@@ -125,9 +125,9 @@ STEP = declare.Step(
         declare.Capture(
             "cloud",
             "import a point cloud (step 4)",
-            (),
+            (parts.specimen,),
             types=(PointsCapture,),
-            done="a point cloud was imported",
+            done="the point cloud was imported",
         ),
     ),
     results=(
@@ -140,7 +140,7 @@ STEP = declare.Step(
         ),
         declare.Result.of(
             "surface",
-            messages.UseCloud,
+            messages.TakeCloud,
             cloud_from_elsewhere,
             "sample the surface (step 4)",
             done="the imported point cloud was taken",
