@@ -25,6 +25,7 @@ BODIES = {  # of requests whose pages leave them out, by the end of the path
     "/robot/contact": {},
     "/jobs/StartComparison": {"file": "bone.stl"},
 }
+ELSEWHERE = (".script", ".mcap")  # for arms of another maker, and by an extra
 FILES = ("documented.rona", "reloaded.rona")
 NOT_NOW = {  # what the pages say is refused in a state like this one
     ("POST", "/recoverable/{key}/open"): (404, "not_found"),
@@ -94,7 +95,8 @@ def addresses(request, session, job):
     if "{step}" in path:
         return [path.replace("{step}", f"{step}?max_points=2") for step in REGISTRY.listed]
     if "{name}" in path:
-        return [path.replace("{name}", quote(name)) for name in REGISTRY.exports]
+        here = [name for name in REGISTRY.exports if not name.endswith(ELSEWHERE)]
+        return [path.replace("{name}", quote(name)) for name in here]
     assert not re.search(r"[{}…]", path), f"{request.page}: what does {request.path} stand for?"
     return [path]
 
