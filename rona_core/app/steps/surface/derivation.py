@@ -41,7 +41,7 @@ from rona_core.geometry.arrays import Floats, Vector3, readonly
 from rona_core.geometry.pose import Pose
 from rona_core.geometry.surface.cloud import SurfaceCloud, build_cloud, merge_clouds
 from rona_core.session.captures import PointerCapture, PointsCapture
-from rona_core.session.document import RegionChoice, Session
+from rona_core.session.document import RegionChoice
 from rona_core.session.specimen import LoadedSkull, SimulatedSkull
 
 Strokes = tuple[PointerCapture, ...]
@@ -143,12 +143,6 @@ class CloudInputs:
     """What a cloud from elsewhere is taken from."""
 
     capture: PointsCapture = given(CLOUD, "capture")
-
-
-def is_own_cloud(session: Session) -> bool:
-    """Return whether the surface is a point cloud from elsewhere."""
-    held = session.results.surface
-    return held is not None and held.message == TakeCloud.__name__
 
 
 def cloud_from_elsewhere(known: CloudInputs, message: TakeCloud) -> SurfaceCloud:

@@ -19,7 +19,6 @@ from rona_core.app.steps.surface.derivation import (
     SURFACE_CAPTURE,
     build_surface,
     cloud_from_elsewhere,
-    is_own_cloud,
     register_skull,
     require_loaded,
 )
@@ -75,6 +74,12 @@ def place_stroke(session: Session, capture: PointerCapture, append: bool) -> obj
 
 def _require_loaded(activity: messages.StartSkullRegistration, session: Session) -> None:
     require_loaded(session.setup.specimen)
+
+
+def is_own_cloud(session: Session) -> bool:
+    """Return whether the surface is a point cloud from elsewhere."""
+    held = session.results.surface
+    return held is not None and held.message == messages.TakeCloud.__name__
 
 
 def _summary(session: Session) -> str:
