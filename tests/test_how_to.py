@@ -42,7 +42,7 @@ SetupPanel(gui, Recorder().context)
 ExportFolder(gui, Recorder().context)
 rows = quality_rows({"thickness_p95_mm": 0.25})
 verbs = next(a for a in _parser()._actions if a.choices).choices
-wanted = SimpleNamespace(file=SESSION, only=["outer.xyz"], out=here / "out")
+wanted = SimpleNamespace(file=SESSION, only=["outer.xyz"], kinds=[], out=here / "out")
 assert export(wanted) == 0
 print("SEEN " + json.dumps({
     "rest": {

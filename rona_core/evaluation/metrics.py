@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from rona_core.app.declarations.figures import FIGURES
 from rona_core.app.dependencies.staleness import made_of
 from rona_core.app.overview.predicted_accuracy import predicted_figures
+from rona_core.app.steps.surface.messages import TakeCloud
 from rona_core.evaluation.map_metrics import (
     bed_figures,
     map_figures,
@@ -92,11 +93,11 @@ def unfinished(session: "Session") -> tuple[str | None, str | None]:
 
 def _navigation(session: "Session", truth: Truth) -> Figures:
     results, figures = session.results, Figures(predicted_figures(session))
-    if results.tool is not None:
+    if results.tool is not None and not is_imported(session.captures.tool):
         taken = session.captures.tool
         place = None if taken is None else taken.tracker_place
         figures |= tool_figures(results.tool.value, truth, place)
-    if (burr := results.get("burr")) is not None:
+    if (burr := results.get("burr")) and not is_imported(session.captures.get("burr")):
         figures |= burr_figures(burr.value, truth)
     if results.pointer is not None and not is_imported(session.captures.pointer):
         figures |= pointer_figures(results.pointer.value, truth)
@@ -104,11 +105,18 @@ def _navigation(session: "Session", truth: Truth) -> Figures:
         strokes = session.captures.surface
         figures["surface_points"] = len(results.surface.value.points_base)
         known = made_of(results.surface, "capture", strokes)
-        if not any(map(is_imported, strokes)):
+        if not _foreign_surface(session):
             figures |= surface_figures(results.surface.value, strokes if known else (), truth)
             if results.registration is not None:
                 figures |= skull_figures(results.registration.value, truth)
     return figures
+
+
+def _foreign_surface(session: "Session") -> bool:
+    """Return whether the surface came out of a file: no virtual device knows its truth."""
+    made = session.results.surface
+    cloud = made is not None and made.message == TakeCloud.__name__
+    return cloud or any(map(is_imported, session.captures.surface))
 
 
 def _path(session: "Session", truth: Truth) -> Figures:
@@ -117,7 +125,7 @@ def _path(session: "Session", truth: Truth) -> Figures:
         figures["path_points_raw"] = len(results.path.value.points_base)
     if results.smoothing is not None:
         figures |= smoothing_figures(_with_path_of_smoothing(session))
-        if not any(map(is_imported, (session.captures.path, *session.captures.surface))):
+        if not (is_imported(session.captures.path) or _foreign_surface(session)):
             figures |= normal_figures(results.smoothing.value.path, truth)
     if results.roll is not None:
         figures |= plan_figures(results.roll.value)
@@ -144,6 +152,8 @@ def _scan(session: "Session", truth: Truth) -> Figures:
     if scan is not None:
         figures["scan_points"] = len(scan.scans)
         figures |= contact_figures(scan)
+        if is_imported(scan):  # no virtual device knows its truth
+            return figures
         figures |= head_shift_figures(session, truth)
         passes = detected_passes(session)
         if passes:

@@ -233,3 +233,23 @@ def fit_line_direction(points: ArrayLike) -> LineFit:
     direction = -axes[0] if order @ along < 0 else axes[0].copy()
     across = np.sqrt(max((s[1:] ** 2).sum(), 0.0) / len(p))
     return LineFit(readonly(center), readonly(direction), float(across), float(np.ptp(along)))
+
+
+ROUND_MM = (20.0, 500.0)  # radius of what bulges: smaller is noise, larger is flat
+UPWARD = np.array((0.0, 0.0, 1.0))
+
+
+def bulging(points: ArrayLike) -> Vector3:
+    """Return the direction (3,) in which a patch of points (n, 3) bulges; of a flat one upward.
+
+    That is from the centre of the sphere that fits the points to their middle.
+    """
+    p = as_points(points, at_least=4)
+    middle = p.mean(axis=0)
+    away = p - middle
+    rows = np.column_stack((2.0 * away, np.ones(len(p))))
+    found, _, rank, _ = np.linalg.lstsq(rows, np.einsum("ij,ij->i", away, away))
+    distance_mm = float(np.linalg.norm(found[:3]))
+    if rank < 4 or not ROUND_MM[0] <= distance_mm <= ROUND_MM[1]:
+        return UPWARD
+    return -found[:3] / distance_mm

@@ -97,6 +97,27 @@ class SonoCapture:
     tracker_place: TrackerPlace = FIRST_PLACE  # as the set-up had it
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class PointsCapture:
+    """Steps 4 and 5: points that were measured or drawn elsewhere, in ``base``."""
+
+    ordinal: int
+    setup_digest: str
+    points_base: Floats  # (n, 3) mm, in their order
+    partial: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MotionCapture:
+    """Step 7: a motion of the robot that was planned elsewhere, linear between its samples."""
+
+    ordinal: int
+    setup_digest: str
+    times_s: Floats  # (n,) from 0
+    qs_rad: Floats  # (n, 6)
+    partial: bool = False
+
+
 class OpenCapture(OpenType, Protocol):
     """A capture of a declared class that has no field of its own in the session."""
 
@@ -130,12 +151,22 @@ Capture = (
 IMPORTED = "imported:"
 
 
-def imported_digest(contents: Iterable[bytes]) -> str:
-    """Return what an imported capture holds as the digest of its set-up."""
+def imported_digest(contents: Iterable[bytes], setup: str = "") -> str:
+    """Return what an imported capture holds as the digest of its set-up.
+
+    Args:
+        contents: Of the files that it came out of.
+        setup: Digest of what of the set-up it rests on all the same; "" for nothing.
+    """
     hasher = hashlib.sha256()
     for data in contents:
         hasher.update(hashlib.sha256(data).digest())
-    return IMPORTED + hasher.hexdigest()
+    return IMPORTED + hasher.hexdigest() + (f":{setup}" if setup else "")
+
+
+def imported_setup(capture: "Capture") -> str:
+    """Return the digest of what of the set-up an imported capture rests on; "" for nothing."""
+    return capture.setup_digest.removeprefix(IMPORTED).partition(":")[2]
 
 
 def is_imported(capture: Capture | None) -> bool:

@@ -54,6 +54,7 @@ SHAPES: dict[str, dict[str, str]] = {
         "u v": "outer.height_mm inner.height_mm fused.height_mm",
     },
     "MillingPlan": {"l": "layer_ends_s", "c": "changes_s"},
+    "MotionCapture": {"n": "times_s", "n 6": "qs_rad"},
     "Normals": {
         "m 3": "normals eigenvalues",
         "m": "count sigma_deg ok radii_mm",
@@ -70,6 +71,7 @@ SHAPES: dict[str, dict[str, str]] = {
     "Poses": {"n 3 3": "rotations", "n 3": "translations"},
     "RadiusChoice": {"k": "radii_mm noise_deg lean_deg"},
     "RawPath": {"n 3": "points_base"},
+    "PointsCapture": {"n 3": "points_base"},
     "ProbeMounting": {"k": "residuals_mm"},
     "ReferenceCapture": {"n 3": "places_base", "n": "thickness_mm sigma_mm"},
     "Rehearsal": {"m": "scans measured_mm mapped_mm", "m 3": "places_bed"},

@@ -15,6 +15,7 @@ from rona_core.devices.probes import PROBE_DATA
 from rona_core.devices.robots import ROBOTS
 from rona_core.errors import RonaError, storage_error
 
+INTERPOLATIONS = ("linear", "cubic", "quintic")
 FAILED, BAD_INPUT, INTERRUPTED = 1, 2, 130
 DESCRIPTION = (
     "Plan, rehearse and evaluate a robot-held 3D ultrasound scan of the skull. "
@@ -77,6 +78,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_recover(verbs)
     _add_calibrate(verbs)
     _add_detect(verbs)
+    _add_verify(verbs)
     return parser
 
 
@@ -199,14 +201,24 @@ def _add_figures(verbs: Any) -> None:
 
 
 def _add_export(verbs: Any) -> None:
-    text = "write maps and implant bed of a session as files for other programs"
-    more = "Meshes (PLY, STL, VTP), images (NRRD), markups, a table (CSV): all in base, in mm. "
-    more += "Without --only all files of the maps."
+    text = "write what a session holds as files for other programs"
+    more = "Places are in base, in mm; the milling path is in the frame of the bed. Without an "
+    more += "option all files of the maps. Exit status: 0 done, 2 bad input, 3 none could be made."
     verb = _verb(verbs, "export", text, more)
     verb.add_argument("file", type=Path, metavar="SESSION", help="session file (.rona)")
     verb.add_argument("out", type=Path, metavar="DIR", help="folder that they are written to")
     text = "only this one, e.g. bone.stl or bed_path.csv (a wrong name lists all); may be repeated"
     verb.add_argument("--only", action="append", default=[], metavar="NAME", help=text)
+    for kind, text in (
+        ("maps", "meshes (PLY, STL, VTP), images (NRRD), markups, a table (CSV)"),
+        ("bed", "milling path, milled body, markups"),
+        ("volume", "echoes as a volume (NRRD)"),
+        ("motion", "certified motions: CSV, JointTrajectory, URScript, MCAP"),
+        ("captures", "what the devices recorded (HDF5), and all transforms (JSON, .tfm)"),
+    ):
+        verb.add_argument(
+            f"--{kind}", action="append_const", dest="kinds", const=kind, default=[], help=text
+        )
 
 
 def _add_compare(verbs: Any) -> None:
@@ -294,4 +306,31 @@ def _add_detect(verbs: Any) -> None:
     verb.add_argument(
         "--probe", metavar="NAME", help=f"probe that took them: {', '.join(PROBE_DATA)} (found out)"
     )
+    verb.add_argument("--json", action="store_true", help="print one JSON object, no table")
+
+
+def _add_verify(verbs: Any) -> None:
+    text = "verify a motion of a robot that was planned elsewhere"
+    more = (
+        "Limits, steps, speeds and accelerations of the joints, speed of the tool, collisions; the "
+        "robot starts and ends at rest. Exit status: 0 certified, 2 unreadable, 3 refused."
+    )
+    verb = _verb(verbs, "verify", text, more)
+    text = "CSV (time_s, q1_rad ... q6_rad), JointTrajectory (.json, .yaml), URScript (.script), "
+    verb.add_argument("file", type=Path, metavar="FILE", help=text + "bag of ROS 2 (.mcap, .db3)")
+    text = f"{', '.join(ROBOTS)}, or a description (.urdf) of an arm built like those of UR"
+    verb.add_argument("--robot", required=True, metavar="NAME|FILE", help=text)
+    text = "what stands around: that of a session file, or self: the robot alone (self)"
+    verb.add_argument("--obstacles", default="self", metavar="SESSION|self", help=text)
+    text = "what is in the holder of the tool (probe)"
+    verb.add_argument("--tool", choices=("probe", "burr"), default="probe", help=text)
+    text = "what is driven between samples (as ROS joins what the file states)"
+    verb.add_argument("--interpolation", choices=INTERPOLATIONS, help=text)
+    text = "fastest that the tool may go in mm/s (250)"
+    verb.add_argument("--tool-speed", type=float, default=250.0, metavar="V", help=text)
+    text = "also insist on a distance from singular postures, as on a scan path"
+    verb.add_argument("--demand", choices=("singular",), help=text)
+    verb.add_argument("--topic", metavar="NAME", help="of a bag with several")
+    text = "draw the joints with their limits and refused places (.svg or .png)"
+    verb.add_argument("--picture", type=Path, metavar="FILE", help=text)
     verb.add_argument("--json", action="store_true", help="print one JSON object, no table")

@@ -272,6 +272,9 @@ class StepLine:
     stale: Reason = _no_reason  # a further reason for what is there to be stale
 
 
+ExportKind = Literal["maps", "bed", "volume", "motion", "captures"]
+
+
 @dataclass(frozen=True, slots=True)
 class Export:
     """A file for other programs: its name, what it holds, and what makes it of a session."""
@@ -279,6 +282,7 @@ class Export:
     name: str
     says: str
     make: Callable[[Session], bytes]
+    kind: ExportKind | None = None  # with which others it is written; None: by its name alone
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from rona_core.app.declarations.inputs import Input
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.messages.message import StoreCapture, StoreResult
-from rona_core.session.captures import Capture, is_imported
+from rona_core.session.captures import Capture, PointerCapture, is_imported
 from rona_core.session.document import LogEntry, Session
 
 CAPTURE = "capture "  # before the name of a capture, where results are named too
@@ -53,7 +53,10 @@ def what_changed_since(kind: str, capture: Capture | None, session: Session) -> 
     the capture depends on is named.
     """
     names = [name for part in REGISTRY.captures[kind].setup for name in part.changed_by]
-    names = ["SetPointer"] if is_imported(capture) else list(dict.fromkeys((*names, *OF_ALL)))
+    if is_imported(capture):
+        names = ["SetPointer"] if isinstance(capture, PointerCapture) else ["SetRobot", "SetProbe"]
+    else:
+        names = list(dict.fromkeys((*names, *OF_ALL)))
     since = _changed_since(kind, getattr(capture, "ordinal", None), session)
     found = [name for name in names if name in since] or names
     nouns = list(dict.fromkeys(map(_changed_noun, found)))

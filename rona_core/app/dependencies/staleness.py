@@ -21,6 +21,7 @@ from rona_core.devices.workcell import workcell_pose
 from rona_core.devices.world_settings import NOMINAL_WORLD
 from rona_core.errors import DegenerateGeometryError, StepBlockedError
 from rona_core.geometry.arrays import Vector3
+from rona_core.geometry.rigid_fit import bulging
 from rona_core.geometry.surface.cloud import SurfaceCloud
 from rona_core.robot.collision.obstacles import (
     Obstacle,
@@ -33,7 +34,7 @@ from rona_core.robot.collision.obstacles import (
     tracker_stand,
 )
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.session.captures import Capture, PointerCapture, is_imported
+from rona_core.session.captures import Capture, PointerCapture, imported_setup, is_imported
 from rona_core.session.codec import digest
 from rona_core.session.document import Derived, Session
 from rona_core.session.memo import Memo
@@ -107,7 +108,7 @@ def obstacles_of(session: Session, fresh: Callable[[str], bool]) -> Obstacles:
     """
     results, setup = session.results, session.setup
     tool = results.tool.value if results.tool and fresh("tool") else None
-    cloud = results.surface.value if tool and results.surface and fresh("surface") else None
+    cloud = results.surface.value if results.surface and fresh("surface") else None
     skull = results.registration
     usable = cloud and skull and skull.value.verdict != "bad" and fresh("registration")
     found = skull.value if usable and skull else None
@@ -155,13 +156,13 @@ def _head(
 ) -> tuple[Obstacle, str]:
     settings, skull = session.setup.surroundings, session.setup.specimen
     keep = settings.head_margin_mm
-    if tool is not None and cloud is not None:
+    if cloud is not None:
         try:
             if found is not None and isinstance(skull, LoadedSkull):
                 vertices, T_base_skull = skull.mesh_vertices_skull, found.T_b_a.inv()
                 head = head_from_mesh(vertices, T_base_skull, cloud.points_base, keep)
                 return head, "Head: convex hull of the registered skull and of the touched points."
-            outward = _outward(tool, cloud, session.captures.surface)
+            outward = outward_of_surface(tool, cloud, session.captures.surface)
             head = head_from_cloud(cloud.points_base, outward, keep)
             return head, "Head: all that a large head could be under the touched patch."
         except DegenerateGeometryError as error:
@@ -173,14 +174,17 @@ def _head(
     return head, f"Head: a large head at its place in the set-up{why}."
 
 
-def _outward(
-    tool: ToolRegistration, cloud: SurfaceCloud, strokes: tuple[PointerCapture, ...]
+def outward_of_surface(
+    tool: ToolRegistration | None, cloud: SurfaceCloud, strokes: tuple[PointerCapture, ...]
 ) -> Vector3:
-    """Return the direction from the patch to where the markers of the pointer were; else up."""
+    """Return the direction from the patch to where the markers of the pointer were.
+
+    Where nothing was touched it is that in which the patch bulges; of a flat one up.
+    """
     seen = [stroke.marker.Ts_tracker_marker.translations for stroke in strokes]
     markers = [places for places in seen if len(places)]
-    if not markers:
-        return UP
+    if tool is None or not markers:
+        return bulging(cloud.points_base)
     way = tool.T_base_tracker @ np.vstack(markers).mean(axis=0) - cloud.points_base.mean(axis=0)
     length_mm = float(np.linalg.norm(way))
     return way / length_mm if length_mm > 0.0 else UP
@@ -326,6 +330,23 @@ def _stale_capture(kind: str, session: Session) -> str | None:
 
 
 def _is_of_another(capture: Capture | None, present: str, session: Session) -> bool:
-    if isinstance(capture, PointerCapture) and is_imported(capture):
+    if capture is None:
+        return False
+    if not is_imported(capture):
+        return capture.setup_digest != present
+    if isinstance(capture, PointerCapture):
         return capture.pointer != session.setup.devices.pointer  # all that it depends on
-    return capture is not None and capture.setup_digest != present
+    return imported_setup(capture) != setup_of_import(capture, session)
+
+
+def setup_of_import(capture: Capture, session: Session) -> str:
+    """Return the digest of what of the set-up an imported capture rests on; "" for nothing.
+
+    Joint angles mean nothing without their robot, and A-scans nothing without their probe.
+    """
+    devices, parts = session.setup.devices, list[object]()
+    if any(hasattr(capture, name) for name in ("joints", "qs_rad")):
+        parts.append(devices.robot.model)
+    if any(hasattr(capture, name) for name in ("scans", "tracks")):
+        parts.append(devices.probe.name)
+    return digest(parts) if parts else ""

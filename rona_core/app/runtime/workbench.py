@@ -28,6 +28,7 @@ from rona_core.devices.live import Live
 from rona_core.devices.protocols import Cancel, Operator, Progress, Rig, never, silent
 from rona_core.errors import CancelledError, DeviceError, InvalidInputError
 from rona_core.mapping.comparison.map_errors import MapErrors
+from rona_core.session.captures import is_imported
 from rona_core.session.codec import digest
 from rona_core.session.document import Session, Setup
 from rona_core.session.members import require_room_for_capture
@@ -264,12 +265,14 @@ class Workbench:
         """Return the errors of the robot's maps against ground truth.
 
         Raises:
-            DeviceError: the devices are real: there is no ground truth.
+            DeviceError: the devices are real, or the scan was imported: there is no ground truth.
             StepBlockedError: nothing was mapped.
         """
         judge = self._services.map_errors
         if judge is None:
             raise DeviceError("the true bone is known with virtual devices alone: give a reference")
+        if is_imported(self.session.captures.scan):
+            raise DeviceError("the scan was imported, its true bone is not known: give a reference")
         return judge(self.session, self.rig())
 
     def figures(self) -> Figures:

@@ -7,6 +7,7 @@ from rona_core.app.steps.boundaries.step import STEP as BOUNDARIES
 from rona_core.app.steps.handheld.step import STEP as HANDHELD
 from rona_core.app.steps.implant.burr.step import STEP as BURR
 from rona_core.app.steps.implant.step import STEP as IMPLANT
+from rona_core.app.steps.imports.step import STEP as IMPORTS
 from rona_core.app.steps.maps.step import STEP as MAPS
 from rona_core.app.steps.path.step import STEP as PATH
 from rona_core.app.steps.pointer.step import STEP as POINTER
@@ -37,5 +38,6 @@ STEPS = (
     BOUNDARIES,
     BURR,
     IMPLANT,
+    IMPORTS,
 )
 REGISTRY.declare(STEPS)

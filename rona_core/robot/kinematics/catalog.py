@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from functools import lru_cache
+from pathlib import Path
 
 from rona_core.devices.robots import ROBOTS, UNIVERSAL
 from rona_core.errors import InvalidInputError
@@ -40,6 +41,25 @@ def milling_robot(
     """
     model = robot_model(name)
     return model.with_tool(model.tool.with_spindle(Spindle(burr_radius_mm), offset_tip))
+
+
+ANY_TURN_DEG = (720.0,) * 6  # more than any joint turns
+
+
+@lru_cache(maxsize=8)
+def described_robot(urdf: Path) -> RobotModel:
+    """Return the arm of a description (URDF), with the joint limits that the file states.
+
+    A description states no accelerations: those of the arm of the catalogue with the same lengths
+    are taken, else of the first one of its family. The tool is the one that RONA draws.
+
+    Raises:
+        InvalidInputError: the file cannot be read, or describes an arm of another build.
+    """
+    turns = {"room_lower_deg": [-turn for turn in ANY_TURN_DEG], "room_upper_deg": ANY_TURN_DEG}
+    models = [ur.ur(name, turns, urdf=urdf) for name in UNIVERSAL]
+    known = zip(models, UNIVERSAL, strict=True)
+    return next((model for model, name in known if model.name == name), models[0])
 
 
 def figures_of(name: str) -> tuple[Figure, ...]:

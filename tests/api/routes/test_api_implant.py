@@ -91,15 +91,15 @@ def test_a_stale_bed_and_one_outside_of_the_maps_are_refused(client):
 
 def test_the_motion_of_the_robot_is_given_as_long_as_it_is_of_this_bed(web, client, demo):
     bench = web.hub.get(demo)
-    answer = client.get(f"/sessions/{demo}/export/milling_joints.csv")
-    assert "milling_joints.csv" in answer.headers["content-disposition"]
-    assert answer.content == REGISTRY.export(bench.session, "milling_joints.csv")
-    script = client.get(f"/sessions/{demo}/export/milling.script")
+    answer = client.get(f"/sessions/{demo}/export/milling_motion.csv")
+    assert "milling_motion.csv" in answer.headers["content-disposition"]
+    assert answer.content == REGISTRY.export(bench.session, "milling_motion.csv")
+    script = client.get(f"/sessions/{demo}/export/milling_motion.script")
     assert (script.status_code, script.json()["code"]) == (422, "invalid_input")
     assert "Universal Robots" in script.text
     at = bench.session.results.get("bed").value.placed.placement
     bench.dispatch(PlaceBed(at.u_mm + 0.5, at.v_mm, float(np.rad2deg(at.angle_rad)), lift_mm=1.0))
-    refused = client.get(f"/sessions/{demo}/export/milling_joints.csv")
+    refused = client.get(f"/sessions/{demo}/export/milling_motion.csv")
     assert (refused.status_code, refused.json()["code"]) == (409, "stale_result")
     bench.dispatch(Undo())
-    assert client.get(f"/sessions/{demo}/export/milling_joints.csv").content == answer.content
+    assert client.get(f"/sessions/{demo}/export/milling_motion.csv").content == answer.content

@@ -33,6 +33,8 @@ GET /sessions/{session_id}/figures; GET /sessions/{session_id}/figures/{name}
 GET /sessions/{session_id}/volume
 GET /sessions/{session_id}/maps/draws; GET /sessions/{session_id}/maps/comparison
 GET /sessions/{session_id}/export/{name}
+GET /sessions/{session_id}/motion/verdict
+GET /sessions/{session_id}/{step}/motion
 PUT /sessions/{session_id}/picture
 GET /files; GET /files/{file}/picture; GET /sessions/{session_id}/procedure
 GET /sessions/{session_id}/next

@@ -295,7 +295,8 @@ def test_the_table_has_every_field_of_every_message_of_the_set_up():
 def test_before_any_change_all_is_there_and_nothing_is_stale(session):
     held = {name for name in REGISTRY.replayed if session.results.get(name) is not None}
     assert set(REGISTRY.replayed) - held <= {"registration", "line", "override"}
-    assert all(session.captures.get(name) for name in REGISTRY.captures)
+    imported = {"cloud", "path_points", "robot_motion"}
+    assert all(session.captures.get(name) for name in set(REGISTRY.captures) - imported)
     assert stale_in(session) == set()
 
 

@@ -185,7 +185,7 @@ def test_the_motion_is_given_away_for_the_robot_it_was_certified_for_alone(mille
     monkeypatch.setattr(milling_motion_module, "milling_model", lambda *_: longer)
     assert set(offered(other)).isdisjoint(MOTIONS)
     with pytest.raises(StaleResultError, match="another robot"):
-        REGISTRY.export(other, "milling_joints.csv")
+        REGISTRY.export(other, "milling_motion.csv")
 
 
 def test_nothing_is_planned_for_a_bed_that_is_not_safe(demo):
@@ -196,11 +196,11 @@ def test_nothing_is_planned_for_a_bed_that_is_not_safe(demo):
 
 def test_what_is_not_certified_is_not_given_away_and_says_why(demo, milled):
     with pytest.raises(StepBlockedError, match="plan the milling"):
-        REGISTRY.export(demo, "milling_joints.csv")
+        REGISTRY.export(demo, "milling_motion.csv")
     plan = milling_plan_of(milled)
     refused = replace(plan, certificate=replace(plan.certificate, certified=False))
     with pytest.raises(StepBlockedError, match="the verifier refuses"):
-        REGISTRY.export(with_plan(milled, refused), "milling_joints.csv")
+        REGISTRY.export(with_plan(milled, refused), "milling_motion.csv")
     assert milling_summary(refused) == "milling refused by the verifier"
     stopped = tuple(
         replace(v, feasible=False, reason="reach", sentence="too far") for v in plan.verdicts
@@ -219,12 +219,15 @@ def test_what_is_not_certified_is_not_given_away_and_says_why(demo, milled):
 
 
 def test_the_table_has_a_row_for_each_sample_and_urscript_is_for_ur_arms(milled):
-    assert offered(milled) == tuple(one.name for one in EXPORTS if one.name != "milling.script")
-    lines = REGISTRY.export(milled, "milling_joints.csv").decode().splitlines()
+    assert offered(milled) == tuple(
+        one.name for one in EXPORTS if one.name != "milling_motion.script"
+    )
+    lines = REGISTRY.export(milled, "milling_motion.csv").decode().splitlines()
+    lines = [line for line in lines if not line.startswith("#")]
     assert len(lines) == len(milling_plan_of(milled).trajectory.times_s) + 1
     assert lines[0].endswith("layer,burr_diameter_mm")
     layers, burrs_mm = zip(*(line.split(",")[-2:] for line in lines[1:]), strict=True)
     assert (layers[0], burrs_mm[0], burrs_mm[-1]) == ("0", "5", "2")
     assert sorted({int(layer) for layer in layers}) == list(range(int(layers[-1]) + 1))
     with pytest.raises(InvalidInputError, match="Universal Robots"):
-        REGISTRY.export(milled, "milling.script")
+        REGISTRY.export(milled, "milling_motion.script")

@@ -210,7 +210,7 @@ def test_the_robot_is_asked_by_a_button_and_its_verdict_stands_beside_it(demo):
     gui, _, _ = panel_of(snapshot(demo), snapshot(bench.session))
     said = milling_verdict(milling_plan_of(bench.session))
     assert f'<div class="r-note good">{said}</div>' in gui.html()
-    assert "milling_joints.csv" in gui.find("dropdown", "File").options
+    assert "milling_motion.csv" in gui.find("dropdown", "File").options
     bench.dispatch(SetProbe(name="1MHz"))
     gui, _, _ = panel_of(snapshot(demo), snapshot(bench.session))
     bench.close()

@@ -12,6 +12,7 @@ from rona_core.app.declarations.declarations import Export
 from rona_core.app.dependencies.staleness import required, stale_reason
 from rona_core.app.steps.maps.accuracy import map_accuracy
 from rona_core.app.steps.maps.inputs import MAPS
+from rona_core.app.steps.maps.volume import volume_file
 from rona_core.errors import StaleResultError
 from rona_core.mapping.accuracy.error_terms import CellSigma
 from rona_core.mapping.files.map_mesh import MapMesh, boundary_mesh, plate_mesh
@@ -126,5 +127,6 @@ def _of_session(make: Maker) -> Callable[[Session], bytes]:
 
 EXPORTS = (
     Export(ALL, "all files of the maps, with a manifest", _archive),
-    *(Export(name, says, _of_session(make)) for name, says, make in FILES),
+    *(Export(name, says, _of_session(make), "maps") for name, says, make in FILES),
 )
+VOLUME = Export("echo_volume.nrrd", "echoes as a volume over the maps", volume_file, "volume")

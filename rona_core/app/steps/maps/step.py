@@ -12,7 +12,7 @@ from rona_core.app.steps.maps.derivation import (
     find_boundaries,
     find_inner_boundary,
 )
-from rona_core.app.steps.maps.export import EXPORTS
+from rona_core.app.steps.maps.export import EXPORTS, VOLUME
 from rona_core.app.steps.maps.further_passes import (
     all_scanned,
     forget_corrections,
@@ -106,7 +106,7 @@ STEP = declare.Step(
             done="the tilted passes were scanned",
         ),
     ),
-    exports=EXPORTS,
+    exports=(*EXPORTS, VOLUME),
     results=(
         declare.Result.of(
             "detection",

@@ -6,10 +6,10 @@ from rona_core.app.steps.path.inputs import (
     CLEARANCE_MM,
     PathInputs,
     PatternInputs,
+    PointsInputs,
     allowed_in_patch,
-    viewpoint,
 )
-from rona_core.app.steps.path.messages import BuildPath, GenerateScanPattern
+from rona_core.app.steps.path.messages import BuildPath, GenerateScanPattern, TakePathPoints
 from rona_core.app.steps.surface.derivation import tip_track
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.rigid_fit import fit_plane
@@ -38,6 +38,11 @@ def map_path(known: PathInputs, message: BuildPath) -> RawPath:
     return RawPath(points_base)
 
 
+def path_from_elsewhere(known: PointsInputs, message: TakePathPoints) -> RawPath:
+    """Return the points of a path that was drawn elsewhere."""
+    return RawPath(known.capture.points_base)
+
+
 def draw_pattern(
     known: PatternInputs, message: GenerateScanPattern, *, clearance_mm: float = CLEARANCE_MM
 ) -> RawPath:
@@ -62,7 +67,7 @@ def draw_pattern(
     if not len(boundary) and message.radius_mm is None:
         radius_mm = max(radius_mm, painted.reach_mm(center))
     near = cloud[np.linalg.norm(cloud - center, axis=1) <= radius_mm]
-    plane, seen_from = fit_plane(near), viewpoint(known.registered, known.strokes)
+    plane, seen_from = fit_plane(near), known.viewpoint
     outward = 1.0 if plane.normal @ (seen_from - center) > 0 else -1.0
     level = patch_pose(center, outward * plane.normal)
     angle = np.deg2rad(message.turn_deg)

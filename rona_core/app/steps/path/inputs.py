@@ -10,6 +10,7 @@ from scipy.spatial import KDTree
 from rona_core.app.declarations.inputs import Input, Quantity, given, inputs
 from rona_core.app.dependencies.judge import require_inputs
 from rona_core.app.dependencies.references import (
+    ANY_REGISTERED,
     REGISTERED,
     HeadReference,
     Registered,
@@ -19,6 +20,7 @@ from rona_core.app.dependencies.references import (
 )
 from rona_core.app.dependencies.staleness import capture_input, required, result_input, stale_reason
 from rona_core.app.steps.path.messages import (
+    BuildPath,
     ClearPaintedRegions,
     GenerateScanPattern,
     PaintRegion,
@@ -26,21 +28,23 @@ from rona_core.app.steps.path.messages import (
 )
 from rona_core.app.steps.pointer.derivation import POINTER
 from rona_core.app.steps.setup.capture_parts import RADIUS, reference_input
-from rona_core.app.steps.surface.derivation import SURFACE, SURFACE_CAPTURE, Strokes
+from rona_core.app.steps.surface.derivation import ANY_STROKES, SURFACE, Strokes
 from rona_core.calibration.handheld.pointer import PointerCalibration
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Vector3
 from rona_core.geometry.pose import Pose
+from rona_core.geometry.rigid_fit import bulging
 from rona_core.geometry.surface.cloud import SurfaceCloud
 from rona_core.path.scan_patterns import Inside
 from rona_core.path.zones import PaintedRegions, PaintedStroke
-from rona_core.session.captures import PointerCapture
+from rona_core.session.captures import PointerCapture, PointsCapture
 from rona_core.session.document import RawPath, Session, SmoothPath
 
 MAX_STROKES = 100
 ON_SURFACE_MM = 10.0  # a stroke whose every place is farther from the surface was meant elsewhere
 CLEARANCE_MM = 1.5  # of what is planned, to what is to be avoided: smoothing takes up to 1 mm of it
 HAND_MM = 1.0  # by which a hand that follows a line leaves it
+SIDE_MM = 1000.0  # from a cloud to where it is seen from, where no pointer touched it
 LOOK_MM = 0.5  # between places at which a line drawn by hand is looked at
 
 PAINTED = Input(
@@ -155,12 +159,21 @@ REFERENCE = reference_input(lambda s: found_again(s, (s.captures.path,)))
 
 def is_pattern(session: Session) -> bool:
     """Return whether the path is a pattern drawn by rule, not a demonstration."""
+    return _made_by(session) == GenerateScanPattern.__name__
+
+
+def is_demonstrated(session: Session) -> bool:
+    """Return whether the path is no pattern, and no path from elsewhere."""
+    return _made_by(session) in (None, BuildPath.__name__)
+
+
+def _made_by(session: Session) -> str | None:
     path = session.results.path
-    return path is not None and path.message == GenerateScanPattern.__name__
+    return None if path is None else path.message
 
 
 DEMONSTRATED: Input[PointerCapture] = Input(
-    lambda s: None if is_pattern(s) else s.captures.path,
+    lambda s: s.captures.path if is_demonstrated(s) else None,
     "demonstrate the path",
     optional=True,
     part="capture path",
@@ -176,15 +189,30 @@ def viewpoint(registered: Registered, strokes: Sequence[PointerCapture]) -> Vect
     return np.vstack(seen).mean(axis=0)
 
 
-def _viewpoint_of_path(
-    registered: Registered, demonstrated: PointerCapture | None, strokes: Strokes
+def _viewpoint_of_surface(
+    registered: Registered | None, strokes: Strokes | None, cloud: SurfaceCloud
 ) -> Vector3:
-    return viewpoint(registered, strokes if demonstrated is None else (demonstrated,))
+    """Return where the pointer's markers were; of a cloud from elsewhere the side that bulges."""
+    if registered is None or not strokes:
+        return cloud.points_base.mean(axis=0) + SIDE_MM * bulging(cloud.points_base)
+    return viewpoint(registered, strokes)
 
 
+def _viewpoint_of_path(
+    registered: Registered | None,
+    strokes: Strokes | None,
+    cloud: SurfaceCloud,
+    demonstrated: PointerCapture | None,
+) -> Vector3:
+    if registered is not None and demonstrated is not None:
+        return viewpoint(registered, (demonstrated,))
+    return _viewpoint_of_surface(registered, strokes, cloud)
+
+
+OF_SURFACE = {"registered": ANY_REGISTERED, "strokes": ANY_STROKES, "surface": SURFACE}
+SURFACE_VIEWPOINT: Quantity[Vector3] = Quantity(_viewpoint_of_surface, OF_SURFACE)
 VIEWPOINT: Quantity[Vector3] = Quantity(
-    _viewpoint_of_path,
-    {"registered": REGISTERED, "demonstration": DEMONSTRATED, "strokes": SURFACE_CAPTURE},
+    _viewpoint_of_path, {**OF_SURFACE, "demonstration": DEMONSTRATED}
 )
 
 
@@ -215,5 +243,14 @@ class PatternInputs:
     cloud: SurfaceCloud = given(SURFACE, "surface")
     radius_mm: float = given(RADIUS, "region")
     painted: PaintedRegions | None = given(PAINTED, "painted regions")
-    registered: Registered = given(REGISTERED)
-    strokes: Strokes = given(SURFACE_CAPTURE, "strokes")
+    viewpoint: Vector3 = given(SURFACE_VIEWPOINT)
+
+
+POINTS: Input[PointsCapture] = capture_input("path_points")
+
+
+@inputs()
+class PointsInputs:
+    """What a path from elsewhere is taken from."""
+
+    capture: PointsCapture = given(POINTS, "capture")

@@ -60,6 +60,11 @@ class GenerateScanPattern:
 
 
 @message
+class TakePathPoints:
+    """Take the points that were imported as the scan path, in their order."""
+
+
+@message
 class MovePathPoint:
     """Move a point of the smoothed path (its number, from 0) to a place on the measured surface.
 

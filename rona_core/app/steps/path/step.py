@@ -15,15 +15,17 @@ from rona_core.app.messages.message import Point, message_from
 from rona_core.app.runtime.handling import compute_result, read_inputs, record
 from rona_core.app.runtime.recording import capture_stroke
 from rona_core.app.steps.path import messages
-from rona_core.app.steps.path.derivation import draw_pattern, map_path
+from rona_core.app.steps.path.derivation import draw_pattern, map_path, path_from_elsewhere
 from rona_core.app.steps.path.inputs import (
     CLEARANCE_MM,
     HAND_MM,
     PATH,
     PATH_CAPTURE,
+    POINTS,
     SMOOTHING,
     PatternInputs,
     clear_painted,
+    is_demonstrated,
     is_pattern,
     paint_region,
     require_allowed_picks,
@@ -38,7 +40,7 @@ from rona_core.errors import InvalidInputError, StaleResultError
 from rona_core.geometry.arrays import Floats, Vector3, as_vector3
 from rona_core.geometry.surface.surface_pick import pick_surface_point, project_to_surface
 from rona_core.path.manual_edits import PathEdit, PathEdits, edit_path
-from rona_core.session.captures import PointerCapture
+from rona_core.session.captures import PointerCapture, PointsCapture
 from rona_core.session.document import Session, SmoothPath
 
 PICK_MM = 5.0  # a click farther from every point means none of them
@@ -188,9 +190,13 @@ def change_path(message: messages.PathChange, session: Session) -> Session:
 
 
 def compute_path(
-    message: messages.BuildPath | messages.GenerateScanPattern, session: Session
+    message: messages.BuildPath | messages.GenerateScanPattern | messages.TakePathPoints,
+    session: Session,
 ) -> Session:
-    """Carry out `BuildPath` or `GenerateScanPattern`; edits by hand were of another path."""
+    """Carry out `BuildPath`, `GenerateScanPattern` or `TakePathPoints`.
+
+    Edits by hand were of another path.
+    """
     return replace(compute_result(message, session), path_edits=PathEdits())
 
 
@@ -229,8 +235,9 @@ def _summary(session: Session) -> str:
     if held is None:
         return ""
     strokes = () if session.captures.path is None else (session.captures.path,)
-    made = "pattern of " if is_pattern(session) else ""
-    remark = "" if made else carried_remark(session, strokes)
+    demonstrated = is_demonstrated(session)
+    made = "" if demonstrated else "pattern of " if is_pattern(session) else "imported: "
+    remark = carried_remark(session, strokes) if demonstrated else ""
     return f"{made}{len(held.value.points_base)} points{remark}"
 
 
@@ -239,6 +246,7 @@ STEP = declare.Step(
     commands=(
         declare.Command(messages.BuildPath, compute_path, needs=(PATH_CAPTURE, TOOL, POINTER)),
         declare.Command(messages.GenerateScanPattern, compute_path, needs=(SURFACE,)),
+        declare.Command(messages.TakePathPoints, compute_path, needs=(POINTS,)),
         declare.Command(
             messages.MovePathPoint,
             change_path,
@@ -301,6 +309,13 @@ STEP = declare.Step(
             (parts.tracker, parts.robot, parts.pointer, parts.specimen, parts.HEAD),
             done="the scan path was demonstrated",
         ),
+        declare.Capture(
+            "path_points",
+            "import a scan path (step 5)",
+            (parts.specimen,),
+            types=(PointsCapture,),
+            done="the points of the path were imported",
+        ),
     ),
     results=(
         declare.Result.of(
@@ -317,11 +332,18 @@ STEP = declare.Step(
             "demonstrate the path (step 5)",
             done="the pattern of the scan path was drawn",
         ),
+        declare.Result.of(
+            "path",
+            messages.TakePathPoints,
+            path_from_elsewhere,
+            "demonstrate the path (step 5)",
+            done="the imported scan path was taken",
+        ),
     ),
     line=declare.StepLine(
         "Path",
         _summary,
         messages.StartPathCapture,
-        leaves=lambda session: (PATH,) if is_pattern(session) else (PATH_CAPTURE, PATH),
+        leaves=lambda s: (PATH_CAPTURE, PATH) if is_demonstrated(s) else (PATH,),
     ),
 )

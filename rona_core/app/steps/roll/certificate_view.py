@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rona_core.app.declarations.figures import FIGURES
+from rona_core.app.steps.roll.messages import TakeMotion
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.plan import RobotPlan
 from rona_core.robot.redundancy.result import RollVerdict, refused_with_largest_margin
@@ -81,7 +82,9 @@ def roll_summary(session: Session) -> str:
     counts = f"{feasible} of {len(plan.search.verdicts)} roll angles feasible"
     if plan.search.mode == "none" or plan.trajectory is None:
         return f"{counts}: move the robot base or change the path"
-    if plan.search.mode == "variable":
+    if plan.search.mode == "variable" and derived.message == TakeMotion.__name__:
+        chosen = "imported motion"
+    elif plan.search.mode == "variable":
         chosen = f"varying over {plan.search.roll_variation_deg:.0f}°"
     else:
         chosen = f"{plan.search.verdicts[plan.search.chosen].roll_deg:.0f}°"

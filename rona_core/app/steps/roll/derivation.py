@@ -4,8 +4,14 @@ from dataclasses import replace
 
 from rona_core.app.declarations.declarations import Arguments
 from rona_core.app.messages.message import message_from
-from rona_core.app.steps.roll.inputs import Driven, PlacementInputs, RollInputs, roll_search
-from rona_core.app.steps.roll.messages import StartBasePlacement, StartRollSearch
+from rona_core.app.steps.roll.inputs import (
+    Driven,
+    MotionInputs,
+    PlacementInputs,
+    RollInputs,
+    roll_search,
+)
+from rona_core.app.steps.roll.messages import StartBasePlacement, StartRollSearch, TakeMotion
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.path5d import Path5D
@@ -14,6 +20,7 @@ from rona_core.robot.base_placement.placement import place_base
 from rona_core.robot.base_placement.reachability import ALL_AROUND_DEG, BasePlacement
 from rona_core.robot.collision.obstacles import Obstacles
 from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.robot.planning.given_motion import plan_of_motion
 from rona_core.robot.planning.plan import RobotPlan
 from rona_core.robot.planning.plan_motion import PlanSettings, choose_roll, plan_scan
 from rona_core.robot.redundancy.constant_roll import working_set_deg
@@ -64,6 +71,33 @@ def plan_motion_again(
     """Search again, and take again the roll that was chosen after the search."""
     chosen, branch = arguments.get("chosen"), arguments.get("branch")
     plan = plan_motion(known, roll_search(arguments), progress=progress, cancel=cancel)
+    if not isinstance(chosen, int):
+        return plan
+    return plan_chosen_roll(known.driven, plan, chosen, branch if isinstance(branch, int) else None)
+
+
+def take_motion(known: MotionInputs, message: TakeMotion) -> RobotPlan:
+    """Hold a motion from elsewhere against the path.
+
+    Raises:
+        InvalidInputError: the probe does not come to an end of the path.
+    """
+    driven = known.driven
+    return plan_of_motion(
+        known.motion,
+        known.smooth.path,
+        robot_model(driven.robot),
+        driven.scan_speed_mm_per_s,
+        driven.obstacles,
+    )
+
+
+def take_motion_again(
+    known: MotionInputs, arguments: Arguments, progress: Progress, cancel: Cancel
+) -> RobotPlan:
+    """Hold it against the path again, and take again the roll that was chosen after it."""
+    chosen, branch = arguments.get("chosen"), arguments.get("branch")
+    plan = take_motion(known, TakeMotion())
     if not isinstance(chosen, int):
         return plan
     return plan_chosen_roll(known.driven, plan, chosen, branch if isinstance(branch, int) else None)

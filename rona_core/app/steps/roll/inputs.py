@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from rona_core.app.declarations.declarations import Arguments
 from rona_core.app.declarations.inputs import Input, Quantity, given, inputs
-from rona_core.app.dependencies.staleness import result_input
+from rona_core.app.dependencies.staleness import capture_input, result_input
 from rona_core.app.messages.message import message_from
 from rona_core.app.steps.path.inputs import SMOOTHING
 from rona_core.app.steps.roll.messages import StartRollSearch
@@ -13,6 +13,7 @@ from rona_core.devices.settings import RobotSettings
 from rona_core.robot.base_placement.reachability import BasePlacement
 from rona_core.robot.collision.obstacles import Obstacles
 from rona_core.robot.planning.plan import RobotPlan
+from rona_core.session.captures import MotionCapture
 from rona_core.session.document import Session, SmoothPath
 
 ROLL: Input[RobotPlan] = result_input("roll")
@@ -76,4 +77,16 @@ class PlacementInputs:
     smooth: SmoothPath = given(SMOOTHING, "smoothing")
     robot: RobotSettings = given(BASE, "base")
     rolls: StartRollSearch | None = given(OWN_ROLLS, "roll search")
+    driven: Driven = given(DRIVEN)
+
+
+MOTION: Input[MotionCapture] = capture_input("robot_motion")
+
+
+@inputs()
+class MotionInputs:
+    """What a motion from elsewhere is held against."""
+
+    motion: MotionCapture = given(MOTION, "motion")
+    smooth: SmoothPath = given(SMOOTHING, "smoothing")
     driven: Driven = given(DRIVEN)

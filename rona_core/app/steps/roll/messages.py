@@ -9,6 +9,11 @@ from rona_core.robot.base_placement.reachability import MAX_PLACES, BaseSearch
 
 
 @message
+class TakeMotion:
+    """Take the motion that was imported as the plan of the scan, if the verifier certifies it."""
+
+
+@message
 class StartRollSearch:
     """Search the roll about the probe axis that the robot can traverse; plan, time and verify.
 

@@ -8,7 +8,7 @@ from rona_core.app.declarations.declarations import USABLE, ActivityContext, Jud
 from rona_core.app.dependencies.judge import fresh, require_inputs
 from rona_core.app.dependencies.staleness import required, stale_reason
 from rona_core.app.messages.message import StoreResult, serialize_arguments, values_of
-from rona_core.app.runtime.handling import compute
+from rona_core.app.runtime.handling import compute, compute_result
 from rona_core.app.steps.roll import messages
 from rona_core.app.steps.roll.certificate_view import plan_reason, roll_summary
 from rona_core.app.steps.roll.derivation import (
@@ -18,9 +18,13 @@ from rona_core.app.steps.roll.derivation import (
     plan_chosen_roll,
     plan_motion,
     plan_motion_again,
+    take_motion,
+    take_motion_again,
 )
-from rona_core.app.steps.roll.inputs import DRIVEN, OWN_ROLLS, PLACEMENT, ROLL, SMOOTHING
+from rona_core.app.steps.roll.export import EXPORTS
+from rona_core.app.steps.roll.inputs import DRIVEN, MOTION, OWN_ROLLS, PLACEMENT, ROLL, SMOOTHING
 from rona_core.app.steps.roll.messages import ApplyBasePlacement, StartBasePlacement
+from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.setup.messages import SetRobot
 from rona_core.app.steps.setup.step import set_robot
 from rona_core.app.steps.tool.messages import StartRobotMove
@@ -31,6 +35,7 @@ from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.pose import Pose
 from rona_core.robot.base_placement.reachability import BasePlace, BasePlacement, base_pose
 from rona_core.robot.planning.plan import RobotPlan
+from rona_core.session.captures import MotionCapture
 from rona_core.session.document import Derived, Session
 
 __all__ = ["BasePlace", "BasePlacement", "PlacementView", "fresh_placement", "placement_view"]
@@ -171,7 +176,17 @@ def choose_roll(message: messages.ChooseRoll, session: Session) -> Session:
 
 STEP = declare.Step(
     "roll",
+    captures=(
+        declare.Capture(
+            "robot_motion",
+            "import a motion (step 7)",
+            (parts.robot, parts.robot_errors),
+            types=(MotionCapture,),
+            done="the motion was imported",
+        ),
+    ),
     commands=(
+        declare.Command(messages.TakeMotion, compute_result, needs=(MOTION, SMOOTHING)),
         declare.Command(
             messages.ChooseRoll, choose_roll, needs=(ROLL,), done="the roll was chosen"
         ),
@@ -215,6 +230,17 @@ STEP = declare.Step(
         ),
         replace(
             declare.Result.of(
+                "roll",
+                messages.TakeMotion,
+                take_motion,
+                "plan the motion (step 7)",
+                judged=judge_plan,
+                done="the imported motion was verified",
+            ),
+            recompute=take_motion_again,
+        ),
+        replace(
+            declare.Result.of(
                 "placement",
                 messages.StartBasePlacement,
                 find_places,
@@ -225,6 +251,7 @@ STEP = declare.Step(
             recompute=find_places_again,
         ),
     ),
+    exports=EXPORTS,
     line=declare.StepLine(
         "Roll",
         roll_summary,

@@ -17,10 +17,14 @@ from rona_core.app.dependencies.references import (
     found_again,
     head_input,
 )
-from rona_core.app.dependencies.staleness import capture_input, result_input
+from rona_core.app.dependencies.staleness import (
+    capture_input,
+    outward_of_surface,
+    result_input,
+)
 from rona_core.app.steps.pointer.derivation import POINTER
 from rona_core.app.steps.setup.capture_parts import REGION, SKULL, reference_input
-from rona_core.app.steps.surface.messages import BuildSurface, StartSkullRegistration
+from rona_core.app.steps.surface.messages import BuildSurface, StartSkullRegistration, TakeCloud
 from rona_core.app.steps.tool.derivation import TOOL
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.calibration.handheld.pointer import PointerCalibration
@@ -33,10 +37,10 @@ from rona_core.calibration.surface_registration import (
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.devices.settings import POINTERS
 from rona_core.errors import DegenerateGeometryError, StepBlockedError
-from rona_core.geometry.arrays import Floats, Vector3
+from rona_core.geometry.arrays import Floats, Vector3, readonly
 from rona_core.geometry.pose import Pose
 from rona_core.geometry.surface.cloud import SurfaceCloud, build_cloud, merge_clouds
-from rona_core.session.captures import PointerCapture
+from rona_core.session.captures import PointerCapture, PointsCapture
 from rona_core.session.document import RegionChoice
 from rona_core.session.specimen import LoadedSkull, SimulatedSkull
 
@@ -61,6 +65,10 @@ class SurfaceInputs:
     head: HeadReference | None = given(head_input("surface"), "head")
 
 
+ANY_TOOL: Input[ToolRegistration] = replace(TOOL, optional=True)
+ANY_STROKES: Input[Strokes] = replace(SURFACE_CAPTURE, optional=True)
+
+
 @inputs(implied=("tool", "strokes"))
 class SkullInputs:
     """What a loaded skull is laid under."""
@@ -68,8 +76,8 @@ class SkullInputs:
     cloud: SurfaceCloud = given(SURFACE, "surface")
     skull: SimulatedSkull | LoadedSkull = given(SKULL, "skull")
     region: RegionChoice = given(REGION, "region")
-    tool: ToolRegistration = given(TOOL, "tool")
-    strokes: Strokes = given(SURFACE_CAPTURE, "strokes")
+    tool: ToolRegistration | None = given(ANY_TOOL, "tool")
+    strokes: Strokes = given(ANY_STROKES, "strokes")
 
 
 def tip_track(
@@ -125,6 +133,29 @@ def build_surface(known: SurfaceInputs, message: BuildSurface) -> SurfaceCloud:
     if not clouds:
         raise DegenerateGeometryError("the tracker saw the pointer in no frame of the strokes")
     return merge_clouds(clouds)
+
+
+CLOUD: Input[PointsCapture] = capture_input("cloud")
+
+
+@inputs()
+class CloudInputs:
+    """What a cloud from elsewhere is taken from."""
+
+    capture: PointsCapture = given(CLOUD, "capture")
+
+
+def cloud_from_elsewhere(known: CloudInputs, message: TakeCloud) -> SurfaceCloud:
+    """Return the points of a cloud from elsewhere, as they are; they have no times."""
+    points, n = known.capture.points_base, len(known.capture.points_base)
+    return SurfaceCloud(
+        points_base=points,
+        times_s=readonly(np.arange(n, dtype=np.float64)),
+        strokes=readonly(np.zeros(n, dtype=np.int64)),
+        n_dropped=0,
+        n_raw=n,
+        average_s=0.0,
+    )
 
 
 NORMAL_PATCH_MM = 10.0  # over which the normals at the middle of the region are averaged
@@ -242,14 +273,12 @@ def _apart_deg(one: SurfaceRegistration, other: SurfaceRegistration) -> float:
 def _middle_of_cloud(known: SkullInputs, points_base: Floats) -> tuple[Vector3, Vector3]:
     """Return the point in the middle of the cloud, and the outward normal of its plane.
 
-    Outward is where the markers of the pointer were.
+    Outward is where the markers of the pointer were, else where the patch bulges.
     """
-    seen = [stroke.marker.Ts_tracker_marker.translations for stroke in known.strokes]
-    markers = np.vstack(seen)
     mean = points_base.mean(axis=0)
     middle = points_base[np.linalg.norm(points_base - mean, axis=1).argmin()]
     normal = np.linalg.svd(points_base - mean, full_matrices=False)[2][2]
-    outward = known.tool.T_base_tracker @ markers.mean(axis=0) - middle
+    outward = outward_of_surface(known.tool, known.cloud, known.strokes or ())
     return middle, normal if normal @ outward > 0.0 else -normal
 
 

@@ -20,6 +20,11 @@ class BuildSurface:
 
 
 @message
+class TakeCloud:
+    """Take the point cloud that was imported as the surface."""
+
+
+@message
 class ClearSurface:
     """Forget the recorded strokes, to sample the surface anew."""
 

@@ -14,15 +14,17 @@ from rona_core.app.steps.pointer.derivation import POINTER
 from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.surface import messages
 from rona_core.app.steps.surface.derivation import (
+    CLOUD,
     SURFACE,
     SURFACE_CAPTURE,
     build_surface,
+    cloud_from_elsewhere,
     register_skull,
     require_loaded,
 )
 from rona_core.app.steps.tool.derivation import TOOL
 from rona_core.app.steps.tool.step import moved_tracker
-from rona_core.session.captures import PointerCapture
+from rona_core.session.captures import PointerCapture, PointsCapture
 from rona_core.session.document import Session
 
 SHORTEST_S = 1.0  # of a stroke
@@ -74,11 +76,18 @@ def _require_loaded(activity: messages.StartSkullRegistration, session: Session)
     require_loaded(session.setup.specimen)
 
 
+def is_own_cloud(session: Session) -> bool:
+    """Return whether the surface is a point cloud from elsewhere."""
+    held = session.results.surface
+    return held is not None and held.message == messages.TakeCloud.__name__
+
+
 def _summary(session: Session) -> str:
     held = session.results.surface
     if held is None:
         return ""
-    remark = carried_remark(session, session.captures.surface)
+    strokes = () if is_own_cloud(session) else session.captures.surface
+    remark = carried_remark(session, strokes)
     return f"{len(held.value.points_base)} points{remark}"
 
 
@@ -88,6 +97,7 @@ STEP = declare.Step(
         declare.Command(
             messages.BuildSurface, compute_result, needs=(SURFACE_CAPTURE, TOOL, POINTER)
         ),
+        declare.Command(messages.TakeCloud, compute_result, needs=(CLOUD,)),
         declare.Command(
             messages.ClearSurface, clear_surface, done="the strokes over the skull were removed"
         ),
@@ -117,6 +127,13 @@ STEP = declare.Step(
             place=place_stroke,
             done="the strokes over the skull were recorded",
         ),
+        declare.Capture(
+            "cloud",
+            "import a point cloud (step 4)",
+            (parts.specimen,),
+            types=(PointsCapture,),
+            done="the point cloud was imported",
+        ),
     ),
     results=(
         declare.Result.of(
@@ -125,6 +142,13 @@ STEP = declare.Step(
             build_surface,
             "sample the surface (step 4)",
             done="the surface was computed",
+        ),
+        declare.Result.of(
+            "surface",
+            messages.TakeCloud,
+            cloud_from_elsewhere,
+            "sample the surface (step 4)",
+            done="the imported point cloud was taken",
         ),
         declare.Result.of(
             "registration",
@@ -139,6 +163,6 @@ STEP = declare.Step(
         "Surface",
         _summary,
         messages.StartSurfaceCapture,
-        leaves=lambda session: (SURFACE_CAPTURE, SURFACE),
+        leaves=lambda s: (SURFACE,) if is_own_cloud(s) else (SURFACE_CAPTURE, SURFACE),
     ),
 )
