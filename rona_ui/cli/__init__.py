@@ -253,8 +253,8 @@ def _add_calibrate(verbs: Any) -> None:
         type=Path,
         nargs="+",
         metavar="FILE",
-        help="4 x 4 matrices (a file each, a folder or zip of them, or 16 numbers a row), "
-        "CSV frame,marker,x,y,z in mm, or .igs.mha",
+        help="matrices or position and quaternion (a file each, a folder or zip of them, or a row "
+        "each; also .npy, .npz, .mat, .json), frame,marker,x,y,z in mm, .igs.mha, ROS recording",
     )
     kind.add_argument(
         "--geometry",
@@ -262,7 +262,7 @@ def _add_calibrate(verbs: Any) -> None:
         metavar="FILE",
         help="markers of the tool: CSV marker,x,y,z or .rom",
     )
-    kind.add_argument("--tool", metavar="NAME", help="which tool of a recording with several")
+    _add_layout(kind)
     kind.add_argument(
         "--dof", type=int, choices=(6, 5), default=6, help="5 for markers on one line (6)"
     )
@@ -270,6 +270,18 @@ def _add_calibrate(verbs: Any) -> None:
         "--method", choices=("ml", "sphere"), default="ml", help="how it is solved (ml)"
     )
     kind.add_argument("--json", action="store_true", help="print one JSON object, no table")
+
+
+def _add_layout(kind: argparse.ArgumentParser) -> None:
+    """Add what a person may have to say of files of poses."""
+    kind.add_argument("--tool", metavar="NAME", help="which tool of a recording with several")
+    text = "which frame, where a recording has poses in several (e.g. Reference)"
+    kind.add_argument("--frame", metavar="NAME", help=text)
+    text = "names of all columns, where the file has none: time,x,y,z,qx,qy,qz,qw or m00,m01,…"
+    kind.add_argument("--columns", metavar="NAMES", help=text)
+    text = "order of quaternions without names (xyzw after a position, wxyz before one)"
+    kind.add_argument("--quaternion", choices=("wxyz", "xyzw"), help=text)
+    kind.add_argument("--unit", choices=("mm", "cm", "m"), help="of positions (as named, or mm)")
 
 
 def _add_detect(verbs: Any) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from rona_core.devices.files.poses.igs_mha import read_igs_mha
+from rona_core.devices.files.poses.sequences import read_igs_mha
 from rona_core.devices.files.reader_process import read_apart
 from rona_core.devices.files.rf.rf_data import read_rf
 from rona_core.devices.files.size_limits import read_file

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rona_core.devices.files.poses.igs_mha import read_igs_mha, write_igs_mha
+from rona_core.devices.files.poses.sequences import read_igs_mha, write_igs_mha
 from rona_core.devices.recording import Recording
 from rona_core.devices.samples import ToolTrack
 from rona_core.errors import InvalidInputError

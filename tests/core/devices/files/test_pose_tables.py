@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from rona_core.app.steps.pointer.pivot_report import report_pivot
-from rona_core.devices.files.poses.pivot_recordings import read_pivot
+from rona_core.devices.files.poses.recorded_poses import read_pivot
 from rona_core.devices.files.text_tables import NamedFile
 from rona_core.errors import InvalidInputError
 from tests.helpers.pivot_data import TIP, matrices, poses
