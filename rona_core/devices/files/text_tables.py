@@ -79,11 +79,11 @@ def read_table(file: NamedFile) -> Table:
     rows: list[tuple[str, ...]] = []
     lines: list[int] = []
     separator: str | None = None
-    comment: list[str] = []
+    comment = ""
     for number, line in enumerate(text.splitlines(), start=1):
         stripped = line.strip()
         if not stripped or stripped.startswith(("#", "%")):
-            comment = re.split(r"[,;\s]+", stripped.lstrip("#% ")) if not rows else comment
+            comment = stripped.lstrip("#% ") if not rows else comment
             continue
         if len(rows) < 2:  # the header says less than the first numbers
             separator = _separator(stripped)
@@ -98,12 +98,12 @@ def read_table(file: NamedFile) -> Table:
         lines.append(number)
     if not rows:
         raise InvalidInputError(f"{file.name} is empty: expected rows of numbers")
-    header = None
     if not any(is_number(cell) for cell in rows[0]):
         header = tuple(cell.lower() for cell in rows.pop(0))
         lines.pop(0)
-    elif len(comment) == len(rows[0]) and not any(is_number(word) for word in comment):
-        header = tuple(word.lower() for word in comment)
+    else:
+        words = tuple(word.strip().lower() for word in comment.split(separator))
+        header = words if len(words) == len(rows[0]) and not any(map(is_number, words)) else None
     return Table(file.name, header, tuple(rows), tuple(lines))
 
 

@@ -152,7 +152,7 @@ def _part(words: list[str], quaternion: str | None) -> tuple[str, str] | None:
             part = VECTOR[k]
         elif of in OF_QUATERNION and k < 4:
             order = ORDERS[quaternion] if quaternion else ORDERS["wxyz"] if of == "q" else None
-            part = "q?" if order is None else QUATERNION[order.index(k)]
+            part = f"q?{k}" if order is None else QUATERNION[order.index(k)]
         elif of in OF_POSITION and k < 3:
             part = POSITION[k]
     elif last in ("x", "y", "z") and of in OF_VECTOR:
@@ -231,7 +231,7 @@ def _from_zero(parts: dict[str, int]) -> dict[str, int]:
 
 def _question(table: Table, group: _Group) -> None:
     """Ask how columns are meant whose names leave it open."""
-    if "q?" in group.parts:
+    if "q?0" in group.parts:
         raise InvalidInputError(
             f"{table.name}: in which order are the four numbers of the quaternion? Say it: "
             "--quaternion wxyz (real part first) or --quaternion xyzw (real part last)"
@@ -297,13 +297,16 @@ def _found_names(table: Table, layout: PoseLayout) -> tuple[str, ...]:
     readings = [r for r in _readings(layout.quaternion) if len(r.split()) == width]
     if not readings:
         raise InvalidInputError(f"{table.where(0)}: {EXPECTED}; got {width} cells")
-    good = [r for r in readings if _is_good(table, r)] if len(readings) > 1 else readings
+    alone = len(readings) == 1 and "first" not in readings[0]
+    good = readings if alone else [r for r in readings if _is_good(table, r)]
     if len(good) > 1:
         options = " or ".join(f'--columns "{reading}"' for reading in good)
         raise InvalidInputError(
             f"{table.name}: how are its {width} columns meant? Several readings fit. Say it: "
             f"{options}; or write the names in the first line"
         )
+    if not good and "first" in readings[0]:
+        raise InvalidInputError(f"{table.where(0)}: {EXPECTED}; got {width} cells")
     return tuple((good or readings)[0].split())
 
 

@@ -99,7 +99,7 @@ REFUSED = {
         text(np.hstack((Q, P, Q, P)), ",", "q0,qx,qy,qz,x,y,z,q0,qx,qy,qz,x,y,z"),
         "twice|2 t",
     ),
-    "other widths": (text(np.hstack((M, M))), "expected 16 numbers .* got 32 cells"),
+    "other widths": (text(np.hstack((M, M, M))), "expected 16 or 12 numbers .* got 48 cells"),
     "a word": (ndi().replace("OK,0", "OK,x0", 1), "line 2: expected a number, got 'x0"),
 }
 
