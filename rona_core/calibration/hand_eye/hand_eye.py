@@ -45,6 +45,8 @@ class Observations:
     centroid_toolmarker: Floats  # (3,) of the markers
     centroids_tracker: Floats  # (n, 3)
     unit_covariances: Floats  # (n, 6, 6) of (turn, shift) in tracker, marker error 1 mm 3D RMS
+    # of the robot's own error: of the tip in mm^2, of its rotation in rad^2, per axis
+    robot_variances: tuple[float, float] = (TIP_VARIANCE_MM2, TURN_VARIANCE_RAD2)
 
     def __len__(self) -> int:
         return len(self.Ts_base_tip)
@@ -137,11 +139,12 @@ def robot_covariances(
     centroid_tip = T_toolmarker_tip.inv() @ observations.centroid_toolmarker
     levers = observations.Ts_base_tip.rotations @ centroid_tip @ T_base_tracker.rotation
     crossed = cross_matrices(levers)
+    tip_mm2, turn_rad2 = observations.robot_variances
     covariances = np.zeros((len(observations), 6, 6))
-    covariances[:, :3, :3] = TURN_VARIANCE_RAD2 * np.eye(3)
-    covariances[:, :3, 3:] = TURN_VARIANCE_RAD2 * crossed
-    covariances[:, 3:, :3] = -TURN_VARIANCE_RAD2 * crossed
-    covariances[:, 3:, 3:] = TIP_VARIANCE_MM2 * np.eye(3) - TURN_VARIANCE_RAD2 * crossed @ crossed
+    covariances[:, :3, :3] = turn_rad2 * np.eye(3)
+    covariances[:, :3, 3:] = turn_rad2 * crossed
+    covariances[:, 3:, :3] = -turn_rad2 * crossed
+    covariances[:, 3:, 3:] = tip_mm2 * np.eye(3) - turn_rad2 * crossed @ crossed
     return covariances
 
 
@@ -385,10 +388,10 @@ def solve_hand_eye(
     positions = _as_markers(positions_toolmarker)
     require_two_axes(Ts_base_tip.rotations, Ts_tracker_toolmarker.rotations)
     observations = observe(Ts_base_tip, Ts_tracker_toolmarker, positions, noise)
-    return _refine(observations, *first_guess(Ts_base_tip, Ts_tracker_toolmarker))
+    return refine(observations, *first_guess(Ts_base_tip, Ts_tracker_toolmarker))
 
 
-def _refine(observations: Observations, T_base_tracker: Pose, T_toolmarker_tip: Pose) -> HandEyeFit:
+def refine(observations: Observations, T_base_tracker: Pose, T_toolmarker_tip: Pose) -> HandEyeFit:
     """Iterate weights, choice of poses and both unknowns until none of them changes."""
     used = np.ones(len(observations), dtype=np.bool_)
     for step in range(MAX_STEPS):
