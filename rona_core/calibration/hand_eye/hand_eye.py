@@ -34,6 +34,12 @@ SERIES = 1e-4  # of the angle; below it the expansion of the inverse Jacobian is
 # Random error of the robot's tool pose, variances per axis:
 TIP_VARIANCE_MM2 = 0.1**2 / 3.0  # of the tip, 0.1 mm 3D RMS
 TURN_VARIANCE_RAD2 = float(np.deg2rad(0.02)) ** 2 / 3.0  # of its rotation, 0.02 degrees RMS
+DOF = 6  # of one pose
+FLOOR_MM = 1e-6  # of the marker error
+CEILING_MM = 1e3
+MEDIAN = float(chdtri(DOF, 0.5))  # of the squared distance of a good pose
+GROSS = float(chdtri(DOF, 1e-3))  # one good pose in a thousand lies beyond
+BISECTIONS = 45
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,6 +53,7 @@ class Observations:
     unit_covariances: Floats  # (n, 6, 6) of (turn, shift) in tracker, marker error 1 mm 3D RMS
     # of the robot's own error: of the tip in mm^2, of its rotation in rad^2, per axis
     robot_variances: tuple[float, float] = (TIP_VARIANCE_MM2, TURN_VARIANCE_RAD2)
+    gross: float = GROSS  # squared distance from which a pose is a gross error
 
     def __len__(self) -> int:
         return len(self.Ts_base_tip)
@@ -156,14 +163,6 @@ def _inverse_right_jacobians(turns: Floats) -> Floats:
     exact = 1.0 / safe**2 - 1.0 / (2.0 * safe * np.tan(safe / 2.0))
     factor = np.where(angle > SERIES, exact, 1.0 / 12.0)
     return np.eye(3) + crossed / 2.0 + factor[:, None, None] * (crossed @ crossed)
-
-
-DOF = 6  # of one pose
-FLOOR_MM = 1e-6  # of the marker error
-CEILING_MM = 1e3
-MEDIAN = float(chdtri(DOF, 0.5))  # of the squared distance of a good pose
-GROSS = float(chdtri(DOF, 1e-3))  # one good pose in a thousand lies beyond
-BISECTIONS = 45
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -402,7 +401,7 @@ def refine(observations: Observations, T_base_tracker: Pose, T_toolmarker_tip: P
         if step < SETTLE_STEPS:
             # the unknowns take their share of what is left over
             rough = sigma_by_median(sizes) / np.sqrt(1.0 - UNKNOWNS / (DOF * len(observations)))
-            used = sizes.distances(rough) <= GROSS
+            used = sizes.distances(rough) <= observations.gross
             _require_agreement(used)
         sigma = sigma_by_mean(sizes, used, UNKNOWNS)
         center = observations.Ts_base_tip.translations[used].mean(axis=0)

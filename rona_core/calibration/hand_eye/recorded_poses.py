@@ -48,12 +48,15 @@ DEPTH = {"tracker": 3.0, "camera": 5.0}  # expected deviation in depth over acro
 SCALED = {"tracker": (0, 0, 0, 0), "camera": (1, 1, 1, 2)}  # powers of the distance, of the groups
 GROUPS = ((0, 1), (2,), (3, 4), (5,))  # turn across and along the axis, shift across and along
 SAME = {0: 1, 1: 0, 2: 3, 3: 2}  # the other group of the same kind
-PRIOR = 6.0  # residuals that the expected ratio of two groups counts as
+PRIOR = 12.0  # residuals that the expected ratio of two groups counts as
 ROUNDS = 12  # of fit and variances
 SETTLED = 1e-3  # relative change of the deviations
 LEAST = np.array((1e-9, 1e-9, 1e-6, 1e-6))  # rad, mm
 LEVER_MM = 200.0  # typical distance of a marker's origin from its centroid
 FEW_POSES = 10
+CENTRED = 20  # poses from which the point of independent errors is estimated, not the origin
+GROSS = 50.0  # squared distance of a gross error; errors of cameras are no bell curve
+ESTIMATED = 8  # freedoms of the residuals that the noise and the weights by it take
 N_WORST = 5
 NEXT_DEG = (20.0, 40.0)
 
@@ -163,14 +166,16 @@ def _fit(
     observed = _observed(Ts_b_a, Ts_tracker_marker, np.zeros(3), np.ones(4), noise)
     e = np.median(np.abs(residuals(observed, *guess)), axis=0) / 0.6745
     turn, shift = float(np.hypot.reduce(e[:3])), float(np.hypot.reduce(e[3:]))
-    sigmas = np.maximum(np.array((turn, turn, shift, shift)) / np.sqrt(3.0), 10.0 * LEAST)
+    sigmas = np.maximum(np.array((turn, turn, shift, shift)) / np.sqrt(3.0), LEAST)
+    sigmas *= 3.0  # a guess that fits few poses exactly would make the others gross errors
     center = np.zeros(3)
     for _ in range(ROUNDS):
         observed = _observed(Ts_b_a, Ts_tracker_marker, center, sigmas, noise)
         fit = refine(observed, *guess)
         guess = fit.T_base_tracker, fit.T_toolmarker_tip
         before = sigmas
-        center = _center(observed, fit, sigmas, noise)
+        if fit.used.sum() >= CENTRED:
+            center = _center(observed, fit)
         sigmas = _components(observed, fit, sigmas, noise)
         if np.abs(np.log(sigmas / before)).max() < SETTLED:
             break
@@ -200,11 +205,11 @@ def _observed(
         scales[:, group] *= sigma
     covariances = scales[:, :, None] ** 2 * np.eye(6)
     return Observations(
-        Ts_b_a, Ts_tracker_marker, center_marker, centers, covariances, robot_variances=(0.0, 0.0)
+        Ts_b_a, Ts_tracker_marker, center_marker, centers, covariances, (0.0, 0.0), GROSS
     )
 
 
-def _center(observed: Observations, fit: HandEyeFit, sigmas: Floats, noise: SensorNoise) -> Floats:
+def _center(observed: Observations, fit: HandEyeFit) -> Floats:
     """Return the point (3,) of the marker whose shift errs independently of the turn."""
     weights = 1.0 / np.sqrt(np.einsum("nii->ni", observed.unit_covariances)[fit.used, 3:])
     e = fit.residuals[fit.used]
@@ -250,7 +255,7 @@ def _assembled(
 ) -> HandEyeCalibration:
     n_used = int(fit.used.sum())
     freedom = DOF * n_used - UNKNOWNS
-    covariance = fit.covariance * freedom / max(freedom - 2, 1)  # the noise is estimated too
+    covariance = fit.covariance * freedom / max(freedom - ESTIMATED, 1)
     change = np.eye(12)
     change[6:, 6:] = _inverted(fit.T_toolmarker_tip)
     covariance_out = change @ covariance @ change.T
