@@ -31,7 +31,17 @@ from rona_ui.api.access_guard import LOOPBACK, Access, Guard, is_loopback
 from rona_ui.api.answers import FastJson, InPieces
 from rona_ui.api.bodies import AT_ONCE, BODY_BYTES
 from rona_ui.api.context import PREFIX
-from rona_ui.api.routes import devices, events, figures, files, jobs, procedure, results, sessions
+from rona_ui.api.routes import (
+    calibrations,
+    devices,
+    events,
+    figures,
+    files,
+    jobs,
+    procedure,
+    results,
+    sessions,
+)
 from rona_ui.api.schema_limits import add_limits
 from rona_ui.api.streams import Streams
 from rona_ui.api.timed_protocol import TimedProtocol
@@ -148,7 +158,7 @@ def bare_app(hub: SessionRegistry, gateway: ViewerGateway | None, root_path: str
     _add_pages(app)  # before the interface: FastAPI prepares a route when it is first passed
     if gateway is not None:
         app.router.routes.extend(gateway.routes())
-    parts = (sessions, files, procedure, jobs, results, figures, events)
+    parts = (sessions, files, procedure, jobs, results, calibrations, figures, events)
     held = (devices.tracker_router, devices.robot_router, devices.probe_router)
     held += (devices.operator_router, jobs.commands_router)
     declared = (jobs.declared_commands(), jobs.declared_jobs())

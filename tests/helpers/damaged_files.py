@@ -11,8 +11,8 @@ import numpy as np
 import trimesh
 
 from rona_core.devices.files.ndi_rom import rom_positions
-from rona_core.devices.files.poses.sequences import read_igs_mha
 from rona_core.devices.files.poses.recorded_poses import read_pivot
+from rona_core.devices.files.poses.sequences import read_igs_mha
 from rona_core.devices.files.rf.rf_data import read_rf
 from rona_core.devices.files.text_tables import NamedFile
 from rona_core.devices.trackers import GEOMETRIES

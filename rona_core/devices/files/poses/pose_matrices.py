@@ -46,7 +46,7 @@ def require_millimetres(translations: Floats, what: str) -> None:
     farthest = float(np.linalg.norm(translations, axis=1).max(initial=0.0))
     if len(translations) and farthest < NEAR_MM:
         raise InvalidInputError(
-            f"{what}: no marker is farther than {farthest:.3g} mm from the tracker. Millimetres "
+            f"{what}: no position is farther than {farthest:.3g} mm from the origin. Millimetres "
             "are expected, these look like metres: multiply the translations by 1000, or say so "
             "(--unit m)"
         )

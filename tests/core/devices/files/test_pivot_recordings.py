@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rona_core.devices.files.poses.sequences import write_igs_mha
 from rona_core.devices.files.poses.pose_columns import PoseLayout
 from rona_core.devices.files.poses.recorded_poses import read_geometry, read_pivot
+from rona_core.devices.files.poses.sequences import write_igs_mha
 from rona_core.devices.files.text_tables import NamedFile
 from rona_core.devices.recording import Recording
 from rona_core.devices.samples import ToolSample, TrackerFrame
@@ -49,7 +49,11 @@ def same(pivot, made, atol=1e-9):
 def test_one_text_file_for_each_pose_keeps_every_bit():
     made, _ = poses(n=12)
     pivot = read_pivot(matrix_files(made))
-    assert (pivot.poses.kind, pivot.track.n_frames, pivot.poses.rounding < 1e-14) == ("matrix files", 12, True)
+    assert (pivot.poses.kind, pivot.track.n_frames, pivot.poses.rounding < 1e-14) == (
+        "matrix files",
+        12,
+        True,
+    )
     assert pivot.track.Ts_tracker_marker.rotations.tobytes() == made.rotations.tobytes()
     same(read_pivot([zip_file(matrix_files(made))]), made)
     stacked = text("all.txt", "\n".join(matrix_text(m) for m in matrices(made)))

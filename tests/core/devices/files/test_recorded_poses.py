@@ -271,9 +271,7 @@ def test_the_options_of_a_question_answer_it():
     first = np.hstack((P, WXYZ))
     by_order = read_poses([file("a.txt", rows(first))], PoseLayout(quaternion="wxyz"))
     by_name = read_poses([file("a.txt", rows(first))], PoseLayout("x y z qw qx qy qz"))
-    listed = json.dumps(
-        [{"p": p, "q": q} for p, q in zip(P.tolist(), XYZW.tolist(), strict=True)]
-    )
+    listed = json.dumps([{"p": p, "q": q} for p, q in zip(P.tolist(), XYZW.tolist(), strict=True)])
     by_list = read_poses([file("a.json", listed)], PoseLayout(quaternion="xyzw"))
     metres = read_poses([file("a.npy", npy(np.hstack((P / 1000, XYZW))))], PoseLayout(unit="m"))
     for found in (turned, by_order, by_name, by_list, metres):
@@ -309,7 +307,10 @@ def stamped(types, i, frame="camera"):
 
 
 def bag(tmp_path, storage):
-    rosbag2, typesys = pytest.importorskip("rosbags.rosbag2"), pytest.importorskip("rosbags.typesys")
+    rosbag2, typesys = (
+        pytest.importorskip("rosbags.rosbag2"),
+        pytest.importorskip("rosbags.typesys"),
+    )
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
     types, kind = store.types, "geometry_msgs/msg/TransformStamped"
     plugin = getattr(rosbag2.StoragePlugin, storage)
