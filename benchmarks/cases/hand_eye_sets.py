@@ -138,7 +138,7 @@ def _spoiled(poses: Poses, rng: np.random.Generator) -> Poses:
 
 
 def park(left: Poses, right: Poses) -> Pose:
-    """Return X of AX = XB by Park and Martin 1994, of all pairs of poses."""
+    """Return X of AX = XB by Park 1994, of all pairs of poses."""
     i, j = np.triu_indices(len(left), 1)
     A = left.select(i).inv() @ left.select(j)
     B = right.select(i) @ right.select(j).inv()

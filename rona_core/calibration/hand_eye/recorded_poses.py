@@ -3,7 +3,7 @@
 A robot moves either the sensor (eye-in-hand) or a marker (eye-to-hand); both are the equation of
 ``hand_eye.py``, for eye-in-hand with the robot's poses inverted. How large the errors of the sensor
 are, nothing says: deviations of turn and shift, along its axis and across, are estimated from the
-residuals as variance components (Helmert 1907; Foerstner 1979), and so is the point of the marker
+residuals as variance components (Förstner 2016), and so is the point of the marker
 about which turn and shift err independently (its centroid; the origin may be a corner). Those of a
 camera grow with the distance, its depth with the square.
 """

@@ -17,7 +17,7 @@ from tests.helpers.pivot_data import (
 )
 
 KEYS = ["tip_mm", "pivot_mm", "sigma_mm", "rmse_mm", "n_used", "n_rejected", "n_repeated"]
-KEYS += ["verdict", "reasons"]
+KEYS += ["verdict", "reasons", "notes"]
 
 
 @pytest.fixture

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from numpy.typing import ArrayLike
@@ -53,7 +54,7 @@ class PivotReport:
 
 
 def report_pivot(
-    files: Sequence[NamedFile],
+    files: Sequence[NamedFile | Path | str],
     layout: PoseLayout = PLAIN,
     *,
     geometry: NamedFile | None = None,

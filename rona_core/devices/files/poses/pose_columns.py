@@ -291,8 +291,8 @@ def _found_names(table: Table, layout: PoseLayout) -> tuple[str, ...]:
     if width == 6:
         raise InvalidInputError(
             f"{table.where(0)}: six numbers are a position and a rotation vector, or Euler angles. "
-            "For a vector in rad say --columns x,y,z,rotvec_x,rotvec_y,rotvec_z (with qx, qy, qz, "
-            "qw for a quaternion); Euler angles are not read, write matrices or quaternions"
+            "For a vector in rad say --columns x,y,z,rotvec_x,rotvec_y,rotvec_z; "
+            "Euler angles are not read, write matrices or quaternions"
         )
     readings = [r for r in _readings(layout.quaternion) if len(r.split()) == width]
     if not readings:

@@ -134,7 +134,7 @@ class Sequence:
     """What a sequence file holds."""
 
     recording: Recording  # frames without times count seconds
-    frame: str  # that the poses are in, such as Tracker or Reference
+    frame: str | None  # that the poses are in, such as Tracker or Reference, where it is named
     clocked: bool  # the file has times, and they grow
 
 
@@ -171,7 +171,7 @@ def read_sequence(file: NamedFile, frame: str | None = None) -> Sequence:
     for field in dict.fromkeys(field for held in frames for field in held):
         if (match := TRANSFORM.fullmatch(field)) is not None:
             own = next((tool for tool in TOOLS if tool == match[1].lower()), match[1])
-            inside = tools.setdefault(match[2] or "Tracker", {})
+            inside = tools.setdefault(match[2] or "", {})
             if own in inside:
                 raise InvalidInputError(f"{name}: two tools have the same name in {field}")
             inside[own] = field
@@ -194,7 +194,7 @@ def read_sequence(file: NamedFile, frame: str | None = None) -> Sequence:
         )
     except InvalidInputError as error:
         raise InvalidInputError(f"{name}: {error}") from error
-    return Sequence(recording, into, clocked)
+    return Sequence(recording, into or None, clocked)
 
 
 def _header(file: NamedFile) -> tuple[dict[str, str], list[dict[str, str]]]:
