@@ -148,7 +148,8 @@ def park(left: Poses, right: Poses) -> Pose:
     design = (A.rotations - np.eye(3)).reshape(-1, 3)
     wanted = (B.translations @ R.T - A.translations).ravel()
     u, _, vt = np.linalg.svd(R)
-    return Pose(u @ vt, np.linalg.lstsq(design, wanted)[0])
+    shift = np.asarray(np.linalg.lstsq(design, wanted)[0], dtype=np.float64)
+    return Pose(u @ vt, shift)
 
 
 def solvers() -> dict[str, Solver]:

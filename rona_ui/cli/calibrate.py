@@ -2,6 +2,7 @@
 
 import json
 import sys
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
@@ -46,9 +47,10 @@ def _pivot(wanted: Any) -> int:
 
 
 def _hand_eye(wanted: Any) -> int:
-    form = None if wanted.picture is None else wanted.picture.suffix[1:].lower()
+    picture: Path | None = wanted.picture
+    form = None if picture is None else picture.suffix[1:].lower()
     if form not in (None, "svg", "png"):
-        raise InvalidInputError(f"a picture is .svg or .png, not {wanted.picture.name}")
+        raise InvalidInputError(f"a picture is .svg or .png, not {picture}")
     options = HandEyeOptions(
         wanted.setup, wanted.noise, wanted.inverse, wanted.robot, wanted.sensor
     )
@@ -59,11 +61,11 @@ def _hand_eye(wanted: Any) -> int:
         options,
         layouts=both_layouts(layout_of(wanted), unit),
     )
-    if form is not None:
+    if picture is not None and form is not None:
         from rona_core.app.paper_figures.hand_eye import hand_eye_picture
 
-        with storing(wanted.picture):
-            wanted.picture.write_bytes(hand_eye_picture(report, form))
+        with storing(picture):
+            picture.write_bytes(hand_eye_picture(report, form))
     if wanted.json:
         sys.stdout.write(json.dumps(report.figures(), allow_nan=False) + "\n")
     else:

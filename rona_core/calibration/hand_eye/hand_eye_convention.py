@@ -135,12 +135,12 @@ def _with_scale(Ts_b_a: Poses, sensor: Poses, T_b_t: Pose) -> tuple[float, float
     misses, x = np.zeros(n), np.zeros(7)
     size = np.maximum(np.abs(design).max(axis=(0, 1)), 1e-12)
     for _ in range(8):
-        A = (design / size * weights[:, None, None]).reshape(-1, 7)
-        x = np.linalg.lstsq(A, (wanted * weights[:, None]).ravel())[0] / size
+        whole = (design / size * weights[:, None, None]).reshape(-1, 7)
+        x = np.linalg.lstsq(whole, (wanted * weights[:, None]).ravel())[0] / size
         misses = np.linalg.norm(design @ x - wanted, axis=1)
         weights = np.sqrt(1.0 / np.maximum(1.0, misses / max(float(np.median(misses)), 1e-9)))
-    A = (design * weights[:, None, None]).reshape(-1, 7)
-    spread = np.linalg.pinv(A.T @ A)[3, 3]
+    whole = (design * weights[:, None, None]).reshape(-1, 7)
+    spread = np.linalg.pinv(whole.T @ whole)[3, 3]
     scatter = (weights * misses) ** 2
     sigma = float(np.sqrt(spread * scatter.sum() / max(3 * n - 7, 1)))
     return float(np.median(misses)), float(x[3]), sigma

@@ -247,7 +247,7 @@ def _pair(fit: HandEyeFit) -> tuple[Pose, Pose]:
     return fit.T_base_tracker, fit.T_toolmarker_tip
 
 
-# ------------------------------------------------------------------ what it is worth
+# ------------------------------------------------------------------ covariance and verdict
 
 
 def _assembled(

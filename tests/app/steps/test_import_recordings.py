@@ -399,5 +399,5 @@ def test_a_pivot_needs_no_tracker_and_no_clock(tmp_path):
     for text in (twice, other):
         file = NamedFile("b.igs.mha", text.encode())
         assert report_pivot([file]).figures() == straight
-        with pytest.raises(InvalidInputError, match=r"must be above|expected transforms like"):
+        with pytest.raises(InvalidInputError, match=r"must be above|got .Tracker.: say which"):
             read_igs_mha(file.data, file.name)

@@ -8,6 +8,7 @@ topic of poses without one.
 import json
 import os
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -61,29 +62,30 @@ def bag_rows(path: Path, name: str) -> Found:
 
 
 def _rosbag(path: Path, suffix: str) -> Iterator[tuple[str, int, Any]]:
-    from rosbags.highlevel import AnyReader
-    from rosbags.typesys import Stores, get_typestore
-
+    rosbags: Any = import_module("rosbags.highlevel")
     named = path.with_name(f"bag{suffix}")  # its reader goes by the suffix
     os.symlink(path, named)
-    with AnyReader([named], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+    with rosbags.AnyReader([named], default_typestore=_types()) as reader:
         for connection, stamp_ns, data in reader.messages():
             yield connection.topic, stamp_ns, reader.deserialize(data, connection.msgtype)
 
 
 def _mcap(path: Path, suffix: str) -> Iterator[tuple[str, int, Any]]:
-    from mcap.reader import make_reader
-    from rosbags.typesys import Stores, get_typestore
-
-    types = get_typestore(Stores.ROS2_HUMBLE)
+    reader: Any = import_module("mcap.reader")
+    types = _types()
     with path.open("rb") as file:
-        for schema, channel, message in make_reader(file).iter_messages():
+        for schema, channel, message in reader.make_reader(file).iter_messages():
             kind = schema.name if schema is not None else ""
             if channel.message_encoding == "json":
                 plain = json.loads(message.data, object_hook=lambda o: SimpleNamespace(**o))
                 yield channel.topic, message.log_time, plain
             elif channel.message_encoding == "cdr" and kind in types.fielddefs:
                 yield channel.topic, message.log_time, types.deserialize_cdr(message.data, kind)
+
+
+def _types() -> Any:
+    typesys: Any = import_module("rosbags.typesys")
+    return typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
 
 
 def _poses(topic: str, stamp_ns: int, message: Any) -> Iterator[tuple[Any, ...]]:

@@ -94,7 +94,8 @@ def _flat(record: Mapping[str, Any], depth: int = MAX_DEPTH) -> dict[str, Any]:
     """Return the values of an object with names joined by points; lists count from 0."""
     found: dict[str, Any] = {}
     for key, value in record.items():
-        inner = dict(enumerate(value)) if isinstance(value, list) and len(value) <= 16 else value
+        listed = isinstance(value, list) and len(value) <= 16
+        inner: Any = {str(k): v for k, v in enumerate(value)} if listed else value
         if _is_map(inner) and depth:
             of = "quaternion" if key == "q" and len(inner) == 4 else key
             found |= {f"{of}.{k}": v for k, v in _flat(inner, depth - 1).items()}
@@ -124,7 +125,7 @@ def _of_arrays(found: Mapping[str, Any], name: str) -> dict[str, Table]:
         place = _partner(key, arrays)
         if array.ndim == 3 and array.shape[1:] == (3, 3) and place is not None:
             header, values = [*ROTATION, "x", "y", "z"], np.hstack((array.reshape(-1, 9), place))
-            key = " ".join(_of_pair(key, TURNS)) or NAME
+            key = " ".join(_of_pair(key, TURNS) or ()) or NAME
         elif array.ndim == 3 and (matrices := _matrices(array, f"{name}: {key}")) is not None:
             values = matrices.reshape(len(matrices), -1)
             header = list(CELLS[: values.shape[1]])

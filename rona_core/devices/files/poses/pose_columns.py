@@ -86,9 +86,9 @@ class _Group:
     prefix: str
     parts: dict[str, int]
 
-    def kind(self) -> tuple[str, ...] | None:
-        """Return the parts that make a pose, in order; None where some are missing."""
-        return next((kind for kind in KINDS if all(part in self.parts for part in kind)), None)
+    def kind(self) -> tuple[str, ...]:
+        """Return the parts that make a pose, in order; none where some are missing."""
+        return next((kind for kind in KINDS if all(part in self.parts for part in kind)), ())
 
 
 def read_columns(table: Table, layout: PoseLayout) -> PoseTable:
@@ -195,7 +195,7 @@ def _groups(table: Table, layout: PoseLayout) -> dict[str, _Group]:
             held.setdefault(part[1], column)
         for prefix, parts in _merged(groups).items():
             group = _Group(prefix, _from_zero(parts))
-            if group.kind() is not None:
+            if group.kind():
                 port = table.rows[0][start] or header[start] if ports else ""
                 found[port or prefix or NAME] = group
             elif not ports:
@@ -315,7 +315,7 @@ def _is_good(table: Table, reading: str) -> bool:
     names = tuple(reading.split())
     some = replace(table, header=names, rows=table.rows[:LOOKED_AT])
     for group in _groups(some, PoseLayout()).values():
-        kind = group.kind() or ()
+        kind = group.kind()
         numbers = [
             [float(row[group.parts[part]]) for part in kind]
             for row in some.rows
@@ -345,7 +345,7 @@ def _is_good(table: Table, reading: str) -> bool:
 
 def _matrices(table: Table, group: _Group, state: int | None) -> Floats:
     """Return the matrices (n, 4, 4) of one tool, not checked yet, NaN where it was not seen."""
-    kind = group.kind() or ()
+    kind = group.kind()
     columns = [group.parts[part] for part in kind]
     values = np.full((len(table.rows), len(columns)), np.nan)
     for i, row in enumerate(table.rows):
@@ -379,7 +379,8 @@ def _from_parts(kind: Sequence[str], values: Floats) -> Floats:
     elif kind[0] == "m00":
         matrices[:, :3, :3], matrices[:, :3, 3] = values[:, :9].reshape(n, 3, 3), values[:, 9:]
     else:
-        some = ~np.isnan(values).all(axis=1)
+        some = np.flatnonzero(np.isfinite(values).any(axis=1))
+        matrices[:, :3] = np.nan
         turn, place = values[some, : len(kind) - 3], values[some, len(kind) - 3 :]
         whole = np.isfinite(turn).all(axis=1)
         turn = np.where(whole[:, None], turn, 1.0)
@@ -390,7 +391,6 @@ def _from_parts(kind: Sequence[str], values: Floats) -> Floats:
         R = turned.as_matrix().reshape(-1, 3, 3)
         matrices[some, :3, :3] = np.where(whole[:, None, None], R, np.nan)
         matrices[some, :3, 3] = place
-        matrices[~some, :3] = np.nan
     return matrices
 
 
