@@ -382,7 +382,7 @@ def _from_parts(kind: Sequence[str], values: Floats) -> Floats:
         some = np.flatnonzero(np.isfinite(values).any(axis=1))
         matrices[:, :3] = np.nan
         turn, place = values[some, : len(kind) - 3], values[some, len(kind) - 3 :]
-        whole = np.isfinite(turn).all(axis=1)
+        whole = np.asarray(np.isfinite(turn).all(axis=1), dtype=np.bool_)
         turn = np.where(whole[:, None], turn, 1.0)
         if kind[0] == "vx":
             turned = Rotation.from_rotvec(turn)
