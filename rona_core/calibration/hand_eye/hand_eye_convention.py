@@ -111,15 +111,15 @@ def _changed(robot: Poses, sensor: Poses) -> dict[tuple[str, str], tuple[Poses, 
 
 def _agreement(robot: Poses, sensor: Poses, in_hand: bool) -> _Agreement:
     Ts_b_a = robot.inv() if in_hand else robot
-    T_b_t, T_m_a = first_guess(Ts_b_a, sensor)
-    expected = T_b_t.rotation.T @ Ts_b_a.rotations @ T_m_a.rotation.T
+    sensor_pose, marker_pose = first_guess(Ts_b_a, sensor)
+    expected = sensor_pose.rotation.T @ Ts_b_a.rotations @ marker_pose.rotation.T
     apart = rotation_vectors(np.swapaxes(expected, 1, 2) @ sensor.rotations)
     turns_deg = np.rad2deg(np.linalg.norm(apart, axis=1))
-    shift, scale, sigma = _with_scale(Ts_b_a, sensor, T_b_t)
+    shift, scale, sigma = _with_scale(Ts_b_a, sensor, sensor_pose)
     return _Agreement(float(np.median(turns_deg)), shift, scale, sigma)
 
 
-def _with_scale(Ts_b_a: Poses, sensor: Poses, T_b_t: Pose) -> tuple[float, float, float]:
+def _with_scale(Ts_b_a: Poses, sensor: Poses, sensor_pose: Pose) -> tuple[float, float, float]:
     """Return the median misfit in mm, the scale of the sensor's lengths, and its deviation.
 
     Place of the robot = origin + R (M x + scale t), linear in x, scale and origin; reweighted so
@@ -130,7 +130,7 @@ def _with_scale(Ts_b_a: Poses, sensor: Poses, T_b_t: Pose) -> tuple[float, float
     design[:, :, :3] = sensor.rotations
     design[:, :, 3] = sensor.translations
     design[:, :, 4:] = np.eye(3)
-    wanted = Ts_b_a.translations @ T_b_t.rotation
+    wanted = Ts_b_a.translations @ sensor_pose.rotation
     weights = np.ones(n)
     misses, x = np.zeros(n), np.zeros(7)
     size = np.maximum(np.abs(design).max(axis=(0, 1)), 1e-12)

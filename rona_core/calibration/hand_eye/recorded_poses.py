@@ -350,7 +350,8 @@ def _next_pose(
     best = int(np.argmin(np.array(sigmas) * np.repeat((1.0, 1.01), len(axes))))
     axis_tracker = axes[best % len(axes)] / np.linalg.norm(axes[best % len(axes)])
     if in_hand:
-        T_base_tip, axis_tip = left[best].inv(), -(fit.T_base_tracker.rotate(axis_tracker))
+        sensor = fit.T_base_tracker  # here in the tip
+        T_base_tip, axis_tip = left[best].inv(), -sensor.rotate(axis_tracker)
     else:
         axis_base = fit.T_base_tracker.rotate(axis_tracker)
         start = fit.T_base_tracker @ middle @ fit.T_toolmarker_tip

@@ -126,16 +126,12 @@ def report_hand_eye(
     for found, name in zip((first, second), names, strict=True):
         poses = found.recording.tool(name).Ts_tracker_marker
         require_millimetres(poses.translations, f"{found.name}, {name}")
-    (Ts_base_tip, Ts_tracker_marker), rows, pairing = _paired(first, second, names)
-    if options.inverse in ("robot", "both"):
-        Ts_base_tip = Ts_base_tip.inv()
-    if options.inverse in ("sensor", "both"):
-        Ts_tracker_marker = Ts_tracker_marker.inv()
+    (moved, seen), rows, pairing = _paired(first, second, names)
+    moved = moved.inv() if options.inverse in ("robot", "both") else moved
+    seen = seen.inv() if options.inverse in ("sensor", "both") else seen
     files = " and ".join(dict.fromkeys((first.name, second.name)))
     try:
-        calibration = calibrate_hand_eye(
-            Ts_base_tip, Ts_tracker_marker, setup=options.setup, noise=options.noise
-        )
+        calibration = calibrate_hand_eye(moved, seen, setup=options.setup, noise=options.noise)
     except RonaError as error:
         raise type(error)(f"{files}: {error}", **error.data) from error
     notes = tuple(dict.fromkeys((*first.notes, *second.notes, *pairing)))
