@@ -21,13 +21,14 @@
 #   make gallery       draw the pictures of the examples anew
 #   make api           write the reference of the public packages to build/api
 #   make settings      write docs/settings.md from the declarations of the fields
+#   make interoperability  write docs/interoperability.md from files of poses of every kind
 #   make constraints   refresh the pinned versions
 #   make clean         remove what the verbs made
 
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help run test test-all mutants gallery api settings check bench viewers profile results metrics honesty reliability accuracy demo demo-session pictures animation screens constraints clean venv product browser
+.PHONY: help run test test-all mutants gallery api settings interoperability check bench viewers profile results metrics honesty reliability accuracy demo demo-session pictures animation screens constraints clean venv product browser
 
 PYTHON ?= python3
 VENV := .venv
@@ -137,6 +138,9 @@ api: $(VENV)/.product
 
 settings: $(VENV)/.product
 	$(BIN)/python -m docs.guide.settings_page
+
+interoperability: $(VENV)/.product
+	$(BIN)/python -m docs.guide.interoperability_page
 
 check: $(VENV)/.dev
 	$(BIN)/ruff check .

@@ -21,6 +21,7 @@ from benchmarks.smallest import SMALLEST, set_to
 SUITES: Mapping[str, str] = {
     "navigation": "navigation",
     "base_marker": "navigation",
+    "hand_eye": "navigation",
     "path": "navigation",
     "robot": "robot",
     "roll": "robot",

@@ -71,6 +71,7 @@ SMALLEST: Mapping[str, Mapping[str, Any]] = {
         "cases.pointer_map.SEEDS": (),
     },
     "base_marker": {"suites.navigation.base_marker.TRIALS": 3},
+    "hand_eye": {"suites.navigation.hand_eye.SEEDS": range(46_000, 46_002)},
     "path": {
         **ONCE,
         "suites.navigation.path.SEEDS": range(1),

@@ -32,6 +32,7 @@ from rona_ui.api.answers import FastJson, InPieces
 from rona_ui.api.bodies import AT_ONCE, BODY_BYTES
 from rona_ui.api.context import PREFIX
 from rona_ui.api.routes import (
+    calibrations,
     devices,
     events,
     figures,
@@ -158,7 +159,7 @@ def bare_app(hub: SessionRegistry, gateway: ViewerGateway | None, root_path: str
     _add_pages(app)  # before the interface: FastAPI prepares a route when it is first passed
     if gateway is not None:
         app.router.routes.extend(gateway.routes())
-    parts = (sessions, files, procedure, jobs, results, motions, figures, events)
+    parts = (sessions, files, procedure, jobs, results, motions, calibrations, figures, events)
     held = (devices.tracker_router, devices.robot_router, devices.probe_router)
     held += (devices.operator_router, jobs.commands_router)
     declared = (jobs.declared_commands(), jobs.declared_jobs())

@@ -4,8 +4,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from rona_core.devices.files.poses.igs_mha import read_igs_mha, write_igs_mha
-    from rona_core.devices.files.poses.pivot_recordings import read_pivot
+    from rona_core.devices.files.poses.pose_columns import PoseLayout
+    from rona_core.devices.files.poses.recorded_poses import read_pivot, read_poses
+    from rona_core.devices.files.poses.sequences import read_igs_mha, write_igs_mha
     from rona_core.devices.files.rf.rf_data import read_rf, rf_from_arrays
     from rona_core.devices.protocols import Operator, Probe, Robot, Tracker
     from rona_core.devices.recording import Recording, ReplayTracker
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
 __all__ = [
     "DeviceSettings",
     "Operator",
+    "PoseLayout",
     "Probe",
     "Recording",
     "ReplayTracker",
@@ -21,6 +23,7 @@ __all__ = [
     "Tracker",
     "read_igs_mha",
     "read_pivot",
+    "read_poses",
     "read_rf",
     "rf_from_arrays",
     "write_igs_mha",
@@ -29,16 +32,18 @@ __all__ = [
 _MODULES = {
     "DeviceSettings": "settings",
     "Operator": "protocols",
+    "PoseLayout": "files.poses.pose_columns",
     "Probe": "protocols",
     "Recording": "recording",
     "ReplayTracker": "recording",
     "Robot": "protocols",
     "Tracker": "protocols",
-    "read_igs_mha": "files.poses.igs_mha",
-    "read_pivot": "files.poses.pivot_recordings",
+    "read_igs_mha": "files.poses.sequences",
+    "read_pivot": "files.poses.recorded_poses",
+    "read_poses": "files.poses.recorded_poses",
     "read_rf": "files.rf.rf_data",
     "rf_from_arrays": "files.rf.rf_data",
-    "write_igs_mha": "files.poses.igs_mha",
+    "write_igs_mha": "files.poses.sequences",
 }
 
 

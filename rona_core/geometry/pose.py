@@ -1,5 +1,6 @@
 """Rigid poses: ``T_base_tip`` is the pose of ``tip`` in ``base``, p_base = T_base_tip @ p_tip."""
 
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Self, overload
@@ -12,6 +13,7 @@ from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, Vector3, as_floats, as_vector3, readonly
 
 ROTATION_TOLERANCE = 1e-6
+ROUNDING = 1e-3  # R R' of a rotation printed with four digits differs from the identity by less
 UNIT = readonly(np.eye(3))
 
 
@@ -32,8 +34,32 @@ def as_rotations(rotations: ArrayLike) -> Floats:
     if error > ROTATION_TOLERANCE or handedness < 0.0:
         raise InvalidInputError(
             f"not a rotation: R R' differs from the identity by {error:.2g} or is mirrored"
+            + ("; Poses.from_matrices mends rounded digits" if error <= ROUNDING else "")
         )
     return r
+
+
+def without_rounding(rotations: Floats) -> tuple[Floats, Floats]:
+    """Return the rigid rotations next to some with few digits, and how far off each was.
+
+    Those that are rigid keep every bit; so do those that are no rotations at all, which are for the
+    caller to refuse.
+
+    Args:
+        rotations: (n, 3, 3).
+
+    Returns:
+        Rotations (n, 3, 3), and the largest difference of R R' from the identity (n,).
+    """
+    square = rotations @ np.swapaxes(rotations, 1, 2)
+    off = np.abs(square - UNIT).max(axis=(1, 2), initial=0.0)
+    rounded = (off > ROTATION_TOLERANCE / 2.0) & (off <= ROUNDING)
+    if not rounded.any():
+        return rotations, off
+    u, _, vt = np.linalg.svd(rotations[rounded])
+    mended = rotations.copy()
+    mended[rounded] = u @ vt
+    return mended, off
 
 
 def determinants(matrices: Floats) -> Floats:
@@ -90,15 +116,9 @@ class Pose:
 
     @classmethod
     def from_matrix(cls, matrix: ArrayLike) -> Self:
-        """Return the pose of a homogeneous (4, 4) matrix.
-
-        Raises:
-            InvalidInputError: wrong shape, wrong last row, or not a rotation.
-        """
-        m = as_floats(matrix, name="matrix")
-        if m.shape != (4, 4) or not np.allclose(m[3], (0, 0, 0, 1)):
-            raise InvalidInputError(f"expected a homogeneous (4, 4) matrix, got shape {m.shape}")
-        return cls(m[:3, :3].copy(), m[:3, 3].copy())
+        """Return the pose of a homogeneous (4, 4) matrix; see `Poses.from_matrices`."""
+        poses = Poses.from_matrices(as_floats(matrix, name="matrix")[None])
+        return cls(poses.rotations[0], poses.translations[0])
 
     @classmethod
     def from_rotvec(cls, rotvec_rad: ArrayLike, translation: ArrayLike = (0.0, 0.0, 0.0)) -> Self:
@@ -184,6 +204,31 @@ class Poses:
         for name, array in (("rotations", rotations), ("translations", translations)):
             object.__setattr__(poses, name, readonly(array))
         return poses
+
+    @classmethod
+    def from_matrices(cls, matrices: ArrayLike) -> Self:
+        """Return the poses of homogeneous matrices (n, 4, 4) or (n, 3, 4).
+
+        Rotations with as few digits as files are printed with become the nearest rigid ones, and a
+        UserWarning says so.
+
+        Raises:
+            InvalidInputError: wrong shape, wrong last row, or not rotations.
+        """
+        m = as_floats(matrices, name="matrices")
+        if m.ndim != 3 or m.shape[1:] not in ((4, 4), (3, 4)):
+            raise InvalidInputError(
+                f"expected homogeneous matrices (n, 4, 4) or (n, 3, 4), got shape {m.shape}"
+            )
+        if not np.allclose(m[:, 3:], (0, 0, 0, 1)):
+            raise InvalidInputError("expected matrices whose last row is 0 0 0 1")
+        rotations, off = without_rounding(m[:, :3, :3])
+        if ROTATION_TOLERANCE < off.max(initial=0.0) <= ROUNDING:
+            warnings.warn(
+                f"rotations were off by up to {off.max():.1g} and were made orthogonal",
+                stacklevel=2,
+            )
+        return cls(rotations.copy(), m[:, :3, 3].copy())
 
     @classmethod
     def stack(cls, poses: Sequence[Pose]) -> Self:

@@ -259,14 +259,14 @@ def _add_calibrate(verbs: Any) -> None:
     text = "find the tip of a tracked tool that was pivoted about it"
     more = "Exit status: 0 done, 2 bad input, 3 refused because the data determine no tip."
     kind = _verb(kinds, "pivot", text, more)
-    kind.set_defaults(verb="calibrate")
+    kind.set_defaults(verb="calibrate", what="pivot")
     kind.add_argument(
         "files",
         type=Path,
         nargs="+",
         metavar="FILE",
-        help="4 x 4 matrices (a file each, a folder or zip of them, or 16 numbers a row), "
-        "CSV frame,marker,x,y,z in mm, or .igs.mha",
+        help="matrices or position and quaternion (a file each, a folder or zip of them, or a row "
+        "each; also .npy, .npz, .mat, .json), frame,marker,x,y,z in mm, .igs.mha, ROS recording",
     )
     kind.add_argument(
         "--geometry",
@@ -275,6 +275,8 @@ def _add_calibrate(verbs: Any) -> None:
         help="markers of the tool: CSV marker,x,y,z or .rom",
     )
     kind.add_argument("--tool", metavar="NAME", help="which tool of a recording with several")
+    _add_layout(kind)
+    kind.add_argument("--unit", choices=("mm", "cm", "m"), help="of positions (as named, or mm)")
     kind.add_argument(
         "--dof", type=int, choices=(6, 5), default=6, help="5 for markers on one line (6)"
     )
@@ -282,6 +284,44 @@ def _add_calibrate(verbs: Any) -> None:
         "--method", choices=("ml", "sphere"), default="ml", help="how it is solved (ml)"
     )
     kind.add_argument("--json", action="store_true", help="print one JSON object, no table")
+    _add_hand_eye(kinds)
+
+
+def _add_hand_eye(kinds: Any) -> None:
+    text = "find where a tracker or camera is that saw what a robot moved, or was moved by it"
+    more = "Exit status: 0 done, 2 bad input, 3 the verdict is bad."
+    kind = _verb(kinds, "hand-eye", text, more)
+    kind.set_defaults(verb="calibrate", what="hand-eye", tool=None)
+    text = "poses of the robot's tool in its base; any file that calibrate pivot reads"
+    kind.add_argument("robot_file", type=Path, metavar="A", help=text)
+    text = "poses of the marker or board in the sensor (none: the second poses in A)"
+    kind.add_argument("sensor_file", type=Path, nargs="?", metavar="B", help=text)
+    text = "sensor beside the robot, or on it (eye-to-hand)"
+    setups = ("eye-to-hand", "eye-in-hand")
+    kind.add_argument("--setup", choices=setups, default=setups[0], help=text)
+    text = "errors of an optical tracker, or of a camera, which grow with the distance (tracker)"
+    kind.add_argument("--noise", choices=("tracker", "camera"), default="tracker", help=text)
+    text = "whose poses are the inverse of what is expected"
+    kind.add_argument("--inverse", choices=("robot", "sensor", "both"), help=text)
+    for whose in ("robot", "sensor"):
+        text = f"which poses are those of the {whose}, where a file has several"
+        kind.add_argument(f"--{whose}", metavar="NAME", help=text)
+    _add_layout(kind)
+    text = "of positions: mm, cm or m, or one each for A and B: m,mm (as named, or mm)"
+    kind.add_argument("--unit", metavar="UNIT", help=text)
+    text = "draw how far each pose is off (.svg or .png)"
+    kind.add_argument("--picture", type=Path, metavar="FILE", help=text)
+    kind.add_argument("--json", action="store_true", help="print one JSON object, no table")
+
+
+def _add_layout(kind: argparse.ArgumentParser) -> None:
+    """Add what a person may have to say of files of poses."""
+    text = "which frame, where a recording has poses in several (e.g. Reference)"
+    kind.add_argument("--frame", metavar="NAME", help=text)
+    text = "names of all columns, where the file has none: time,x,y,z,qx,qy,qz,qw or m00,m01,…"
+    kind.add_argument("--columns", metavar="NAMES", help=text)
+    text = "order of quaternions without names (xyzw after a position, wxyz before one)"
+    kind.add_argument("--quaternion", choices=("wxyz", "xyzw"), help=text)
 
 
 def _add_detect(verbs: Any) -> None:

@@ -7,7 +7,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from rona_core.devices.files.poses.igs_mha import read_igs_mha, write_igs_mha
+from rona_core.devices.files.poses.sequences import read_igs_mha, write_igs_mha
 from rona_core.devices.recording import Recording, ReplayTracker
 from rona_core.devices.samples import WITH_POSE, ToolStatus
 from rona_core.devices.settings import TOOLS, TrackerSettings

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rona_core.devices.files.poses.pivot_recordings import read_pivot
+from rona_core.devices.files.poses.recorded_poses import read_pivot
 from rona_core.devices.files.rf.rf_data import read_rf
 from rona_core.devices.files.text_tables import NamedFile
 from rona_core.virtual.specimen.import_skull import import_skull

@@ -2,6 +2,7 @@
 
 import gzip
 import io
+import json
 import zipfile
 from pathlib import Path
 
@@ -11,8 +12,8 @@ import numpy as np
 import trimesh
 
 from rona_core.devices.files.ndi_rom import rom_positions
-from rona_core.devices.files.poses.igs_mha import read_igs_mha
-from rona_core.devices.files.poses.pivot_recordings import read_pivot
+from rona_core.devices.files.poses.recorded_poses import read_pivot
+from rona_core.devices.files.poses.sequences import read_igs_mha
 from rona_core.devices.files.rf.rf_data import read_rf
 from rona_core.devices.files.text_tables import NamedFile
 from rona_core.devices.trackers import GEOMETRIES
@@ -75,6 +76,23 @@ def sequence():
     return "\n".join([*lines, "ElementDataFile = LOCAL\n"]).encode() + bytes(2)
 
 
+def sequence_nrrd():
+    text = sequence().decode("latin-1").split("ElementDataFile")[0].splitlines()[4:]
+    lines = ["NRRD0004", "dimension: 3", "sizes: 1 1 2", "kinds: domain domain list"]
+    return "\n".join([*lines, *(line.replace(" = ", ":=") for line in text), "", ""]).encode()
+
+
+def poses_npy():
+    out = io.BytesIO()
+    np.save(out, np.loadtxt(io.StringIO(poses().decode())).reshape(3, 4, 4))
+    return out.getvalue()
+
+
+def poses_json():
+    pose = {"position": {"x": 1, "y": 2, "z": 900}, "orientation": {"x": 0, "y": 0, "z": 1, "w": 0}}
+    return json.dumps([pose] * 3).encode()
+
+
 def ball():
     side = np.mgrid[-12:13, -12:13, -12:13] * 2.0
     return ((side**2).sum(axis=0) < 20.0**2).astype(np.uint8)
@@ -116,6 +134,9 @@ FORMATS = {
     "pivot text": (lambda p: poses(), lambda d, p: read_pivot([NamedFile("a.txt", d)]), 400),
     "pivot zip": (lambda p: zipped(), lambda d, p: read_pivot([NamedFile("a.zip", d)]), 400),
     "igs.mha": (lambda p: sequence(), lambda d, p: read_igs_mha(d), 400),
+    "igs.nrrd": (lambda p: sequence_nrrd(), lambda d, p: read_pivot([NamedFile("a.nrrd", d)]), 300),
+    "poses npy": (lambda p: poses_npy(), lambda d, p: read_pivot([NamedFile("a.npy", d)]), 300),
+    "poses json": (lambda p: poses_json(), lambda d, p: read_pivot([NamedFile("a.json", d)]), 300),
     "rom": (
         lambda p: rom_bytes(tool_file_of(GEOMETRIES["pointer6d"])),
         lambda d, p: rom_positions(d),

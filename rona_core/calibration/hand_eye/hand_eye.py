@@ -34,6 +34,12 @@ SERIES = 1e-4  # of the angle; below it the expansion of the inverse Jacobian is
 # Random error of the robot's tool pose, variances per axis:
 TIP_VARIANCE_MM2 = 0.1**2 / 3.0  # of the tip, 0.1 mm 3D RMS
 TURN_VARIANCE_RAD2 = float(np.deg2rad(0.02)) ** 2 / 3.0  # of its rotation, 0.02 degrees RMS
+DOF = 6  # of one pose
+FLOOR_MM = 1e-6  # of the marker error
+CEILING_MM = 1e3
+MEDIAN = float(chdtri(DOF, 0.5))  # of the squared distance of a good pose
+GROSS = float(chdtri(DOF, 1e-3))  # one good pose in a thousand lies beyond
+BISECTIONS = 45
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,6 +51,9 @@ class Observations:
     centroid_toolmarker: Floats  # (3,) of the markers
     centroids_tracker: Floats  # (n, 3)
     unit_covariances: Floats  # (n, 6, 6) of (turn, shift) in tracker, marker error 1 mm 3D RMS
+    # of the robot's own error: of the tip in mm^2, of its rotation in rad^2, per axis
+    robot_variances: tuple[float, float] = (TIP_VARIANCE_MM2, TURN_VARIANCE_RAD2)
+    gross: float = GROSS  # squared distance from which a pose is a gross error
 
     def __len__(self) -> int:
         return len(self.Ts_base_tip)
@@ -137,11 +146,12 @@ def robot_covariances(
     centroid_tip = T_toolmarker_tip.inv() @ observations.centroid_toolmarker
     levers = observations.Ts_base_tip.rotations @ centroid_tip @ T_base_tracker.rotation
     crossed = cross_matrices(levers)
+    tip_mm2, turn_rad2 = observations.robot_variances
     covariances = np.zeros((len(observations), 6, 6))
-    covariances[:, :3, :3] = TURN_VARIANCE_RAD2 * np.eye(3)
-    covariances[:, :3, 3:] = TURN_VARIANCE_RAD2 * crossed
-    covariances[:, 3:, :3] = -TURN_VARIANCE_RAD2 * crossed
-    covariances[:, 3:, 3:] = TIP_VARIANCE_MM2 * np.eye(3) - TURN_VARIANCE_RAD2 * crossed @ crossed
+    covariances[:, :3, :3] = turn_rad2 * np.eye(3)
+    covariances[:, :3, 3:] = turn_rad2 * crossed
+    covariances[:, 3:, :3] = -turn_rad2 * crossed
+    covariances[:, 3:, 3:] = tip_mm2 * np.eye(3) - turn_rad2 * crossed @ crossed
     return covariances
 
 
@@ -153,14 +163,6 @@ def _inverse_right_jacobians(turns: Floats) -> Floats:
     exact = 1.0 / safe**2 - 1.0 / (2.0 * safe * np.tan(safe / 2.0))
     factor = np.where(angle > SERIES, exact, 1.0 / 12.0)
     return np.eye(3) + crossed / 2.0 + factor[:, None, None] * (crossed @ crossed)
-
-
-DOF = 6  # of one pose
-FLOOR_MM = 1e-6  # of the marker error
-CEILING_MM = 1e3
-MEDIAN = float(chdtri(DOF, 0.5))  # of the squared distance of a good pose
-GROSS = float(chdtri(DOF, 1e-3))  # one good pose in a thousand lies beyond
-BISECTIONS = 45
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -385,10 +387,10 @@ def solve_hand_eye(
     positions = _as_markers(positions_toolmarker)
     require_two_axes(Ts_base_tip.rotations, Ts_tracker_toolmarker.rotations)
     observations = observe(Ts_base_tip, Ts_tracker_toolmarker, positions, noise)
-    return _refine(observations, *first_guess(Ts_base_tip, Ts_tracker_toolmarker))
+    return refine(observations, *first_guess(Ts_base_tip, Ts_tracker_toolmarker))
 
 
-def _refine(observations: Observations, T_base_tracker: Pose, T_toolmarker_tip: Pose) -> HandEyeFit:
+def refine(observations: Observations, T_base_tracker: Pose, T_toolmarker_tip: Pose) -> HandEyeFit:
     """Iterate weights, choice of poses and both unknowns until none of them changes."""
     used = np.ones(len(observations), dtype=np.bool_)
     for step in range(MAX_STEPS):
@@ -399,7 +401,7 @@ def _refine(observations: Observations, T_base_tracker: Pose, T_toolmarker_tip: 
         if step < SETTLE_STEPS:
             # the unknowns take their share of what is left over
             rough = sigma_by_median(sizes) / np.sqrt(1.0 - UNKNOWNS / (DOF * len(observations)))
-            used = sizes.distances(rough) <= GROSS
+            used = sizes.distances(rough) <= observations.gross
             _require_agreement(used)
         sigma = sigma_by_mean(sizes, used, UNKNOWNS)
         center = observations.Ts_base_tip.translations[used].mean(axis=0)

@@ -12,6 +12,7 @@ HEADERS = {
     (2, 0): np.lib.format.read_array_header_2_0,
 }
 MAX_HEADER_BYTES = 4096
+MAGIC = b"\x93NUMPY"
 
 
 def array_header(data: bytes) -> tuple[tuple[int, ...], bool, np.dtype[Any], int]:

@@ -21,16 +21,17 @@ class NamedFile:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Table:
-    """Cells of a text file, row by row; empty lines and those that begin with # are left out."""
+    """Cells row by row, of a text file without its empty lines and comments or of an array."""
 
     name: str
     header: tuple[str, ...] | None  # lower-case names of the columns, where there are any
     rows: tuple[tuple[str, ...], ...]
-    lines: tuple[int, ...]  # of each row, from 1
+    lines: tuple[int, ...] = ()  # of each row, from 1; none: rows are counted
 
     def where(self, row: int) -> str:
         """Return the place of a row, for messages."""
-        return f"{self.name}, line {self.lines[row]}"
+        place = f"line {self.lines[row]}" if self.lines else f"row {row}"
+        return f"{self.name}, {place}"
 
     def numbers(self, width: int) -> Floats:
         """Return all cells as numbers (n, width), NaN and infinity included.
@@ -67,7 +68,8 @@ def read_table(file: NamedFile) -> Table:
     """Read a text file whose cells are separated by commas, semicolons, tabs or spaces.
 
     Cells between semicolons, tabs or spaces may have a decimal comma. The first row is a header if
-    none of its cells is a number. The text is UTF-8, or UTF-16 as some programs export it.
+    none of its cells is a number; so is a comment (#, %) before it with a word for each cell. The
+    text is UTF-8, or UTF-16 as some programs export it.
 
     Raises:
         InvalidInputError: not text, or nothing in it.
@@ -77,9 +79,11 @@ def read_table(file: NamedFile) -> Table:
     rows: list[tuple[str, ...]] = []
     lines: list[int] = []
     separator: str | None = None
+    comment = ""
     for number, line in enumerate(text.splitlines(), start=1):
         stripped = line.strip()
-        if not stripped or stripped.startswith("#"):
+        if not stripped or stripped.startswith(("#", "%")):
+            comment = stripped.lstrip("#% ") if not rows else comment
             continue
         if len(rows) < 2:  # the header says less than the first numbers
             separator = _separator(stripped)
@@ -94,10 +98,12 @@ def read_table(file: NamedFile) -> Table:
         lines.append(number)
     if not rows:
         raise InvalidInputError(f"{file.name} is empty: expected rows of numbers")
-    header = None
     if not any(is_number(cell) for cell in rows[0]):
         header = tuple(cell.lower() for cell in rows.pop(0))
         lines.pop(0)
+    else:
+        words = tuple(word.strip().lower() for word in comment.split(separator))
+        header = words if len(words) == len(rows[0]) and not any(map(is_number, words)) else None
     return Table(file.name, header, tuple(rows), tuple(lines))
 
 

@@ -17,7 +17,7 @@ from tests.helpers.pivot_data import (
 )
 
 KEYS = ["tip_mm", "pivot_mm", "sigma_mm", "rmse_mm", "n_used", "n_rejected", "n_repeated"]
-KEYS += ["verdict", "reasons"]
+KEYS += ["verdict", "reasons", "notes"]
 
 
 @pytest.fixture
@@ -101,7 +101,7 @@ def test_bad_input_is_one_line_and_status_2(put, capsys, tmp_path, json_wanted):
     empty.mkdir()
     for arguments, words in (
         ([str(tmp_path / "no.csv")], "there is no file"),
-        ([str(bad)], "bad.csv, line 1: expected 16 numbers"),
+        ([str(bad)], "bad.csv, line 1: expected 16 or 12 numbers"),
         ([good, "--geometry", str(tmp_path / "no.rom")], "there is no file"),
         ([good, "--geometry", str(bad)], "bad.csv, line 1: expected 4 cells"),
         ([str(empty)], "no files in the folder"),

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from rona_core.devices.files.poses.igs_mha import read_igs_mha
+from rona_core.devices.files.poses.sequences import read_igs_mha
 
 QUICK = {"cone_deg": 25.0, "duration_s": 3.0}
 

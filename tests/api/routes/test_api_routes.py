@@ -28,6 +28,8 @@ POST /sessions/{session_id}/redo; GET /sessions/{session_id}/steps
 GET /sessions/{session_id}/results/{step}; GET /sessions/{session_id}/frames
 GET /sessions/{session_id}/results/{step}/array
 GET /sessions/{session_id}/calibration/{step}; GET /sessions/{session_id}/ascans/{scan}/{number}
+POST /sessions/{session_id}/calibrations/hand-eye
+POST /sessions/{session_id}/calibrations/hand-eye/picture
 GET /sessions/{session_id}/quality; GET /sessions/{session_id}/report
 GET /sessions/{session_id}/figures; GET /sessions/{session_id}/figures/{name}
 GET /sessions/{session_id}/volume

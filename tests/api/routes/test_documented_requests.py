@@ -10,6 +10,8 @@ from urllib.parse import quote
 import pytest
 
 from rona_core.app.declarations.registry import REGISTRY
+from tests.api.cli.test_cli_hand_eye import table
+from tests.core.calibration.hand_eye.test_recorded_hand_eye import made
 from tests.helpers.documented_requests import documented
 
 STREAMS = ("/stream", "/events")
@@ -149,6 +151,10 @@ def body_for(client, session, request, bare):
         return {"content": POSES}
     if bare.endswith("/sessions/upload"):
         return {"content": client.get(f"/sessions/{session}/file").content}
+    if "/calibrations/" in bare:
+        for name, poses in zip(("robot.csv", "board.csv"), made(30), strict=True):
+            address = f"/sessions/{session}/uploads?name={name}"
+            assert client.post(address, content=table(poses).encode()).is_success
     if bare.endswith("/robot/move"):
         return {
             "json": {

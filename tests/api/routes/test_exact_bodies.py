@@ -9,6 +9,7 @@ import pytest
 
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.steps.setup.messages import SetContact, SetProbe, SetRobot, SetTracker
+from rona_ui.api.routes.calibrations import HandEyeFiles
 from rona_ui.api.routes.devices import PointerTurn, ToolPose, Visible
 from rona_ui.api.routes.sessions import FileToOpen, FileToSave, NewSession
 
@@ -25,6 +26,8 @@ ROUTES = [
     ("POST", "/sessions", NewSession),
     ("POST", "/sessions/open", FileToOpen),
     ("POST", f"{IN_SESSION}/save", FileToSave),
+    ("POST", f"{IN_SESSION}/calibrations/hand-eye", HandEyeFiles),
+    ("POST", f"{IN_SESSION}/calibrations/hand-eye/picture", HandEyeFiles),
     ("POST", f"{IN_SESSION}/robot/move", REGISTRY.activity_types["StartRobotMove"]),
     ("PUT", f"{IN_SESSION}/robot/settings", SetRobot),
     ("PUT", f"{IN_SESSION}/robot/contact", SetContact),

@@ -20,7 +20,7 @@ from rona_core.app.steps.surface.messages import StartSurfaceCapture
 from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.calibration.pivot.pose_convention import CHANGES
 from rona_core.compose import new_workbench
-from rona_core.devices.files.poses.igs_mha import read_igs_mha, write_igs_mha
+from rona_core.devices.files.poses.sequences import read_igs_mha, write_igs_mha
 from rona_core.devices.files.text_tables import NamedFile
 from rona_core.devices.recording import Recording
 from rona_core.devices.samples import ToolSample, TrackerFrame
@@ -399,5 +399,5 @@ def test_a_pivot_needs_no_tracker_and_no_clock(tmp_path):
     for text in (twice, other):
         file = NamedFile("b.igs.mha", text.encode())
         assert report_pivot([file]).figures() == straight
-        with pytest.raises(InvalidInputError, match=r"must be above|expected transforms like"):
+        with pytest.raises(InvalidInputError, match=r"must be above|got .Tracker.: say which"):
             read_igs_mha(file.data, file.name)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rona_core.devices.files.poses.igs_mha import read_igs_mha
+from rona_core.devices.files.poses.sequences import read_igs_mha
 from tests.helpers.pivot_data import TIP, poses, rows_file
 from tests.helpers.ui import hand
 from tests.helpers.ui.browser_driver import Surgeon, running_server

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from rona_core.devices.files.poses.igs_mha import SUFFIX, write_igs_mha
+from rona_core.devices.files.poses.sequences import SUFFIX, write_igs_mha
 from rona_core.devices.recording import Recording
 from rona_core.devices.settings import TOOL_TITLES
 from rona_core.errors import NotFoundError

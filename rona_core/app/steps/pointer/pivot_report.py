@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from numpy.typing import ArrayLike
@@ -18,7 +19,8 @@ from rona_core.calibration.pivot.motion_extent import require_swing
 from rona_core.calibration.pivot.pivot_calibration import PivotMethod
 from rona_core.calibration.pivot.pose_convention import require_convention
 from rona_core.calibration.tracking_error import MarkerNoise
-from rona_core.devices.files.poses.pivot_recordings import RecordedPivot, read_pivot
+from rona_core.devices.files.poses.pose_columns import PoseLayout
+from rona_core.devices.files.poses.recorded_poses import PLAIN, RecordedPivot, read_pivot
 from rona_core.devices.files.text_tables import NamedFile
 from rona_core.devices.trackers import GEOMETRIES
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
@@ -47,14 +49,15 @@ class PivotReport:
             "n_repeated": found.n_repeated,
             "verdict": found.verdict,
             "reasons": list(found.reasons),
+            "notes": list(self.pivot.poses.notes),
         }
 
 
 def report_pivot(
-    files: Sequence[NamedFile],
+    files: Sequence[NamedFile | Path | str],
+    layout: PoseLayout = PLAIN,
     *,
     geometry: NamedFile | None = None,
-    tool: str | None = None,
     dof: int = 6,
     method: str = "ml",
 ) -> PivotReport:
@@ -65,8 +68,8 @@ def report_pivot(
             convention, with its name.
         DegenerateGeometryError: markers that determine no pose.
     """
-    pivot = read_pivot(files, geometry=geometry, tool=tool, dof=dof)
-    geometry_marker, noise = known_markers(pivot.track.tool, pivot.geometry_marker)
+    pivot = read_pivot(files, layout, geometry=geometry, dof=dof)
+    geometry_marker, noise = known_markers(pivot.track.tool, pivot.poses.geometry_marker)
     try:
         calibration = calibrate_recorded_pivot(
             pivot.track.Ts_tracker_marker,
@@ -77,7 +80,7 @@ def report_pivot(
             direction_known=pivot.direction_known,
         )
     except InvalidInputError as error:
-        raise InvalidInputError(f"{pivot.name}: {error}", **error.data) from error
+        raise InvalidInputError(f"{pivot.poses.name}: {error}", **error.data) from error
     return PivotReport(pivot, calibration)
 
 

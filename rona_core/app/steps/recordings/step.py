@@ -1,7 +1,7 @@
 """Recordings: captures of the pointer that were made elsewhere."""
 
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import fields, replace
 
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext, Message
@@ -14,9 +14,14 @@ from rona_core.app.steps.pointer.pivot_report import require_marker_poses
 from rona_core.app.steps.recordings.messages import StartPivotImport, StartRecordingImport
 from rona_core.app.steps.surface.messages import BuildSurface, StartSurfaceCapture
 from rona_core.calibration.pivot.pose_convention import require_stroke_convention
-from rona_core.devices.files.poses.igs_mha import read_igs_mha
-from rona_core.devices.files.poses.pivot_recordings import chosen_tool, read_pivot
-from rona_core.devices.files.poses.pose_tables import require_millimetres
+from rona_core.devices.files.poses.pose_columns import PoseLayout
+from rona_core.devices.files.poses.pose_matrices import require_millimetres
+from rona_core.devices.files.poses.recorded_poses import (
+    chosen_tool,
+    read_pivot,
+    read_poses,
+    require_stroke,
+)
 from rona_core.devices.files.size_limits import read_file
 from rona_core.devices.files.text_tables import NamedFile
 from rona_core.devices.recording import Recording, ReplayTracker
@@ -41,21 +46,24 @@ def import_recording(
 
     Raises:
         NotFoundError: the file was not uploaded.
-        InvalidInputError: it is no recording, the tool is not in it, it is in metres, or the poses
-            of a pivot are in another convention.
+        InvalidInputError: it is no recording, the tool is not in it, it is in metres, a stroke has
+            no times, or the poses are in another convention or frame.
         DeviceError: the tool was seen in no frame.
     """
     file = _uploaded(activity.file, context)
-    recording = read_igs_mha(file.data, file.name, pivot=activity.purpose == "pivot")
+    found = read_poses([file], _layout(activity))
     pointer = session.setup.devices.pointer
+    recording = found.recording
     tool = chosen_tool(recording, activity.tool, pointer, file.name)
     alone, partial = recording.only(tool).from_zero(), False
     poses = alone.track(tool).Ts_tracker_marker
     require_millimetres(poses.translations, file.name)
     if activity.purpose == "pivot":
         dof = GEOMETRIES[pointer].dof
-        require_marker_poses(poses, file.name, dof=dof, direction_known=True)
+        known = found.frame is not None
+        require_marker_poses(poses, file.name, dof=dof, direction_known=known)
     else:
+        require_stroke(found)
         _require_marker_poses_of_stroke(poses, file.name, session)
     if activity.play:
         track, partial = _play(alone, tool, session, context)
@@ -84,7 +92,7 @@ def _require_marker_poses_of_stroke(poses: Poses, name: str, session: Session) -
 def import_pivot(
     activity: StartPivotImport, session: Session, context: ActivityContext
 ) -> PointerCapture:
-    """Read the poses of a pivot from files of any kind that ``devices.pivot_files`` knows.
+    """Read the poses of a pivot from files of any kind that `read_poses` knows.
 
     Raises:
         NotFoundError: a file was not uploaded.
@@ -95,20 +103,25 @@ def import_pivot(
     pointer = session.setup.devices.pointer
     pivot = read_pivot(
         files,
+        _layout(activity),
         geometry=geometry,
-        tool=activity.tool,
         usual=pointer,
         dof=GEOMETRIES[pointer].dof,
     )
     require_marker_poses(
         pivot.track.Ts_tracker_marker,
-        pivot.name,
+        pivot.poses.name,
         dof=GEOMETRIES[pointer].dof,
         direction_known=pivot.direction_known,
     )
     used = [*files, geometry] if geometry is not None else files
     made = _capture(session, pivot.track, used, partial=False)
-    return replace(made, geometry_marker=pivot.geometry_marker)
+    return replace(made, geometry_marker=pivot.poses.geometry_marker)
+
+
+def _layout(activity: StartRecordingImport | StartPivotImport) -> PoseLayout:
+    said = (getattr(activity, field.name) for field in fields(PoseLayout))
+    return PoseLayout(*said)
 
 
 def _uploaded(name: str, context: ActivityContext) -> NamedFile:

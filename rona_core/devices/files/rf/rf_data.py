@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rona_core.devices.files.rf.rf_arrays import KEYS, MAX_VALUES, read_arrays
+from rona_core.devices.files.arrays import MAX_VALUES, RF, read_arrays
 from rona_core.devices.files.text_tables import NamedFile
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Floats, readonly
@@ -48,12 +48,12 @@ def read_rf(file: NamedFile) -> RecordedRf:
 
 
 def rf_from_arrays(arrays: Mapping[str, Any], name: str) -> RecordedRf:
-    """Check arrays under the names of ``KEYS`` and return them as recorded lines.
+    """Check arrays under the names of ``RF`` and return them as recorded lines.
 
     Raises:
         InvalidInputError: a key is missing, or a value cannot be meant; it says which.
     """
-    missing = [key for key in KEYS[:2] if key not in arrays]
+    missing = [key for key in RF[:2] if key not in arrays]
     if missing:
         there = ", ".join(name[:60] for name in sorted(arrays)[:20]) or "nothing"
         raise InvalidInputError(

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from rona_core.devices.files.poses.igs_mha import read_igs_mha
+from rona_core.devices.files.poses.sequences import read_igs_mha
 from rona_core.devices.files.reader_process import read_apart
 from rona_core.devices.files.rf.rf_data import read_rf
 from rona_core.devices.files.size_limits import read_file
@@ -124,10 +124,11 @@ def test_what_a_mesh_names_is_not_looked_for(tmp_path, pipe):
     assert said[0] == said[1]  # the material changes nothing
 
 
-def test_a_sequence_whose_pixels_are_elsewhere_is_refused(pipe):
-    text = f"ObjectType = Image\nNDims = 3\nDimSize = 1 1 1\nElementDataFile = {pipe}\n"
-    with pytest.raises(InvalidInputError, match="same file"):
-        read_igs_mha(text.encode())
+def test_a_sequence_whose_pixels_are_elsewhere_is_read_without_them(pipe):
+    lines = ["ObjectType = Image", "NDims = 3", "DimSize = 1 1 1", "Seq_Frame0000_Timestamp = 0"]
+    lines.append("Seq_Frame0000_ProbeToTrackerTransform = 1 0 0 1 0 1 0 2 0 0 1 900 0 0 0 1")
+    recording = read_igs_mha("\n".join([*lines, f"ElementDataFile = {pipe}\n"]).encode())
+    assert len(recording.tool("Probe").Ts_tracker_marker) == 1
 
 
 @pytest.mark.parametrize("name", ["a.nrrd", "a.nii", "a.nii.gz", "a.stl", "a.ply", "a.obj"])

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rona_core.devices.files.poses.igs_mha import read_igs_mha, write_igs_mha
+from rona_core.devices.files.poses.sequences import read_igs_mha, write_igs_mha
 from rona_core.devices.recording import Recording
 from rona_core.devices.samples import ToolTrack
 from rona_core.errors import InvalidInputError
@@ -158,7 +158,6 @@ DAMAGE = {
     "empty": (b"", "is empty"),
     "another kind": (b"PK\x03\x04 zip", "begins with 'ObjectType = Image'"),
     "cut in the header": (PLUS[:1500], "cut off: expected 'ElementDataFile = LOCAL'"),
-    "pixels elsewhere": (changed(b"LOCAL", b"x.raw"), "ElementDataFile = LOCAL.*'x.raw'"),
     "no equals sign": (changed(b"Offset = 0", b"Offset 0"), "line 12: expected 'name = value'"),
     "twice": (changed(b"Offset = 0 0 0", b"NDims = 3"), "line 12: NDims stands there twice"),
     "strange frame field": (changed(b"0000_FrameN", b"zero_FrameN"), "expected a field like"),
@@ -170,7 +169,7 @@ DAMAGE = {
     "no time": (changed(b"0001_Timestamp", b"0001_Timestomp"), "frame 1: Timestamp is missing"),
     "time in words": (changed(b"7415.679586", b"noon"), "frame 0, Timestamp.*finite number"),
     "time not finite": (changed(b"7415.679586", b"nan"), "frame 0, Timestamp.*finite number"),
-    "time back": (changed(b"7415.779586", b"7415.6"), "time of frame 2"),
+    "time back": (changed(b"7415.779586", b"7415.6"), "time of each frame must be above"),
     "number": (changed(b"= 332205", b"= 1.5"), "FrameNumber: expected a whole number"),
     "huge number": (changed(b"= 332205", b"= 9" + b"9" * 5000), "expected a whole number"),
     "huge size": (changed(b"0 0 3 ", b"0 0 3" + b"3" * 5000), "DimSize: expected whole numbers"),
@@ -186,7 +185,7 @@ DAMAGE = {
     "no status": (changed(b"TransformStatus = OK", b"TransformStutus = OK"), "Status is missing"),
     "no transform": (
         changed(b"ToTracker", b"ToCamera", count=999),
-        "like StylusToTrackerTransform, got ReferenceToCamera, StylusToCamera",
+        "in the frames Camera, Reference; got .Tracker",
     ),
     "same tool twice": (
         changed(b"Stylus", b"Pointer6D", changed(b"Reference", b"Pointer6d", count=999), 999),

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from rona_core.app.steps.pointer.pivot_report import report_pivot
-from rona_core.devices.files.poses.pivot_recordings import read_pivot
+from rona_core.devices.files.poses.recorded_poses import read_pivot
 from rona_core.devices.files.text_tables import NamedFile
 from rona_core.errors import InvalidInputError
 from tests.helpers.pivot_data import TIP, matrices, poses
@@ -99,7 +99,7 @@ REFUSED = {
         text(np.hstack((Q, P, Q, P)), ",", "q0,qx,qy,qz,x,y,z,q0,qx,qy,qz,x,y,z"),
         "twice|2 t",
     ),
-    "other widths": (text(np.hstack((M, M))), "expected 16 numbers .* got 32 cells"),
+    "other widths": (text(np.hstack((M, M, M))), "expected 16 or 12 numbers .* got 48 cells"),
     "a word": (ndi().replace("OK,0", "OK,x0", 1), "line 2: expected a number, got 'x0"),
 }
 

@@ -16,20 +16,22 @@ from rona_core.devices.files.size_limits import open_zip, read_member
 from rona_core.devices.files.text_tables import NamedFile
 from rona_core.errors import InvalidInputError
 
-KEYS = ("rf", "fs", "t0", "positions")
+RF = ("rf", "fs", "t0", "positions")
 HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 ZIP_MAGIC = b"PK\x03\x04"
 MATLAB_MAGIC = b"MATLAB 5"
 MATLAB_73_MAGIC = b"MATLAB 7.3"
+MAGICS = (HDF5_MAGIC, ZIP_MAGIC, MATLAB_MAGIC)
 MAX_VALUES = 32_000_000  # of one array: 256 MB as float64
 REAL = "iufb"
 REFUSED_HDF5 = "lies in another file: expected it in this one"
 
 
-def read_arrays(file: NamedFile) -> Mapping[str, Any]:
+def read_arrays(file: NamedFile, *, all_of_them: bool = False) -> Mapping[str, Any]:
     """Return the arrays of a file, recognised by its content, not by its name.
 
-    Where ``rf`` and ``fs`` are there, those of ``KEYS``; else all names, for the message.
+    All of them, or where ``rf`` and ``fs`` are there those of ``RF``, else all names, for the
+    message.
 
     Raises:
         InvalidInputError: another kind of file, damaged, or one with too many values.
@@ -37,11 +39,13 @@ def read_arrays(file: NamedFile) -> Mapping[str, Any]:
     data = file.data
     # MATLAB 7.3 puts 512 bytes of its own before HDF5
     if HDF5_MAGIC in (data[:8], data[512:520]):
-        return _known(read_apart(read_hdf5, data, file.name, "HDF5"))
+        reader = read_all_of_hdf5 if all_of_them else read_hdf5
+        return _known(read_apart(reader, data, file.name, "HDF5"), all_of_them)
     if data.startswith(ZIP_MAGIC):
-        return _known(_from_npz(file))
+        return _known(_from_npz(file, all_of_them), all_of_them)
     if data.startswith(MATLAB_MAGIC):
-        return _known(read_apart(read_matlab, data, file.name, "MATLAB"))
+        reader = read_all_of_matlab if all_of_them else read_matlab
+        return _known(read_apart(reader, data, file.name, "MATLAB"), all_of_them)
     if not data:
         raise InvalidInputError(f"{file.name} is empty: expected an HDF5, .mat or .npz file")
     raise InvalidInputError(
@@ -50,15 +54,36 @@ def read_arrays(file: NamedFile) -> Mapping[str, Any]:
     )
 
 
-def _known(found: Found) -> Found:
+def _known(found: Found, all_of_them: bool) -> Found:
     """Return the arrays; other names stay, without contents, for the message."""
-    if "rf" in found and "fs" in found:
-        return {key: found[key] for key in KEYS if key in found}
+    if not all_of_them and "rf" in found and "fs" in found:
+        return {key: found[key] for key in RF if key in found}
     return found
 
 
-def read_hdf5(path: Path, name: str) -> Found:
-    """Return the arrays of an HDF5 file; sizes are compared before anything is read.
+def read_all_of_hdf5(path: Path, name: str) -> Found:
+    """Return all arrays of an HDF5 file; errors as in ``read_hdf5``."""
+    import h5py
+
+    with h5py.File(path, "r") as data:
+        keys = tuple(
+            str(key)
+            for key in data
+            if not isinstance(data.get(key, getlink=True), h5py.HardLink)
+            or isinstance(data[key], h5py.Dataset)
+        )
+    return read_hdf5(path, name, keys)
+
+
+def read_all_of_matlab(path: Path, name: str) -> Found:
+    """Return all arrays of a MATLAB 5 file; errors as in ``read_matlab``."""
+    from scipy.io import whosmat
+
+    return read_matlab(path, name, tuple(key for key, *_ in whosmat(path, appendmat=False)))
+
+
+def read_hdf5(path: Path, name: str, keys: tuple[str, ...] = RF) -> Found:
+    """Return arrays of an HDF5 file; sizes are compared before anything is read.
 
     Raises:
         InvalidInputError: an array in another file, too large, or not of numbers.
@@ -71,11 +96,11 @@ def read_hdf5(path: Path, name: str) -> Found:
     with h5py.File(path, "r") as data:
         matlab = matlab or any(
             "MATLAB_class" in data[key].attrs
-            for key in KEYS
+            for key in keys
             if isinstance(data.get(key, getlink=True), h5py.HardLink)
         )
         found |= dict.fromkeys(str(key) for key in data)
-        for key in KEYS:
+        for key in keys:
             item: Any
             if key in data:
                 item = _own(data, key, name)
@@ -107,8 +132,8 @@ def _own(data: Any, key: str, name: str) -> Any:
     return item
 
 
-def read_matlab(path: Path, name: str) -> Found:
-    """Return the arrays of a MATLAB 5 file, those that are no numbers without their contents.
+def read_matlab(path: Path, name: str, keys: tuple[str, ...] = RF) -> Found:
+    """Return arrays of a MATLAB 5 file, those that are no numbers without their contents.
 
     Raises:
         InvalidInputError: an array that is too large.
@@ -116,11 +141,11 @@ def read_matlab(path: Path, name: str) -> Found:
     from scipy.io import loadmat, whosmat
 
     shapes = {key: tuple(shape) for key, shape, _ in whosmat(path, appendmat=False)}
-    for key in KEYS:
+    for key in keys:
         require_size(shapes.get(key, ()), MAX_VALUES, f"{name}: {key}")
-    data: dict[str, Any] = loadmat(path, appendmat=False, variable_names=list(KEYS))
+    data: dict[str, Any] = loadmat(path, appendmat=False, variable_names=list(keys))
     found: Found = dict.fromkeys(shapes)
-    for key in KEYS:
+    for key in keys:
         if key in data:
             value = np.asarray(data[key])
             plain = value.dtype.kind in f"{REAL}c"
@@ -128,12 +153,12 @@ def read_matlab(path: Path, name: str) -> Found:
     return found
 
 
-def _from_npz(file: NamedFile) -> Found:
+def _from_npz(file: NamedFile, all_of_them: bool) -> Found:
     found: Found = {}
     with open_zip(file.data, f"{file.name} is a damaged npz file") as archive:
         infos = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
         found |= dict.fromkeys(infos)
-        for key in KEYS:
+        for key in infos if all_of_them else RF:
             if key in infos:
                 with archive.open(infos[key]) as member:
                     _check_header(member.read(MAX_HEADER_BYTES + 16), f"{file.name}: {key}")
