@@ -62,7 +62,9 @@ class Bindings:
     def __init__(
         self,
         hub: SessionRegistry,
-        on_refusal: Callable[[Any, str, str, bool], None] = lambda client, title, body, told: None,
+        on_refusal: Callable[[Any, str, str, bool], None] = lambda client, title, body, explained: (
+            None
+        ),
     ) -> None:
         """Start the queue; ``on_refusal(client, title, body, explained)`` receives refusals.
 

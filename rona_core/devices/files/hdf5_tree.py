@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from rona_core.devices.files.arrays import HDF5_MAGIC, MAX_VALUES, REAL
 from rona_core.devices.files.reader_process import Found, read_apart, require_size
-from rona_core.devices.files.rf.rf_arrays import HDF5_MAGIC, MAX_VALUES, REAL
 from rona_core.devices.files.text_tables import NamedFile
 from rona_core.errors import InvalidInputError
 

@@ -4,7 +4,9 @@ Positions alone are written: between these a controller of ROS drives linearly, 
 """
 
 import json
+import re
 from collections.abc import Mapping, Sequence
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -15,7 +17,6 @@ from rona_core.geometry.arrays import Floats
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.motion_files.certified import CertifiedMotion
 from rona_core.robot.motion_files.joint_names import columns_of_joints, joint_names
-from rona_core.robot.motion_files.yaml_subset import parse_yaml
 from rona_core.robot.verification.joint_motion import JointMotion
 
 NS_PER_S = 1_000_000_000
@@ -70,13 +71,30 @@ def read_trajectory(file: NamedFile, text: str, model: RobotModel) -> JointMotio
         except ValueError as error:
             raise InvalidInputError(f"{file.name} cannot be read as JSON: {error}") from None
     else:
-        content = parse_yaml(text, file.name)
+        content = _first_document(text, file.name)
     message = _message_in(content, DEPTH)
     if message is None:
         raise InvalidInputError(
             f"{file.name} holds no JointTrajectory: expected joint_names and points"
         )
     return motion_of_message(message, file.name, model)
+
+
+def _first_document(text: str, name: str) -> object:
+    yaml: Any = import_module("yaml")  # here: few files are YAML
+
+    class Loader(yaml.CSafeLoader):
+        """With numbers such as 1e-05, which YAML 1.1 takes for words."""
+
+    number = re.compile(r"[-+]?[0-9]+[eE][-+]?[0-9]+$")
+    Loader.add_implicit_resolver("tag:yaml.org,2002:float", number, list("-+0123456789"))
+    try:
+        return next(iter(yaml.load_all(text, Loader)), None)
+    except yaml.YAMLError as error:
+        words = " ".join(str(error).split())
+        raise InvalidInputError(f"{name} cannot be read as YAML: {words}") from None
+    except RecursionError:
+        raise InvalidInputError(f"{name} cannot be read as YAML: it is nested too deep") from None
 
 
 def _message_in(content: object, depth: int) -> Mapping[str, Any] | None:

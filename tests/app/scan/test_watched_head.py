@@ -200,5 +200,5 @@ def test_where_nobody_knows_the_scan_is_flagged(planned, message, reason):
 
 
 def test_a_shift_that_rounds_to_nothing_has_no_minus():
-    shift = HeadShift("scan", "moved", (-0.004, 0.012, -0.3), (0.01, 0.01, 0.01), range_mm=0.03)
-    assert "(+0.00, +0.01, -0.30 along x, y, z)" in head_sentence(shift)
+    shift = HeadShift("scan", "moved", (-0.0004, 0.012, -0.3), (0.01, 0.01, 0.01), range_mm=0.03)
+    assert "(+0.000, +0.012, -0.300 along x, y, z)" in head_sentence(shift)

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from rona_core.devices.files.ndi_rom import rom_positions
-from rona_core.devices.files.poses.bags import is_bag, read_bag
+from rona_core.devices.files.poses.bags import read_bag
 from rona_core.devices.files.poses.marker_positions import (
     MarkerGeometryFile,
     checked_geometry,
@@ -33,6 +33,7 @@ from rona_core.devices.files.poses.pose_matrices import (
     seen_poses,
 )
 from rona_core.devices.files.poses.sequences import NO_CLOCK, is_sequence, read_sequence
+from rona_core.devices.files.ros_bags import is_bag
 from rona_core.devices.files.size_limits import open_zip, read_file, read_member
 from rona_core.devices.files.text_tables import NamedFile, Table, read_table
 from rona_core.devices.recording import RecordedTool, Recording

@@ -5,11 +5,14 @@ import re
 
 import numpy as np
 import pytest
+from mcap.writer import Writer
+from rosbags import rosbag2
 
 from docs.guide import interoperability_page
 from rona_core.app.steps.pointer.pivot_report import report_pivot
 from rona_core.devices.files.poses.pose_columns import PoseLayout
 from rona_core.devices.files.poses.recorded_poses import read_poses, require_stroke
+from rona_core.devices.files.ros_bags import message_types
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.pose import Pose, Poses
 from tests.helpers.pivot_data import TIP
@@ -161,11 +164,7 @@ def stamped(types, i, frame="camera"):
 
 
 def bag(tmp_path, storage):
-    rosbag2, typesys = (
-        pytest.importorskip("rosbags.rosbag2"),
-        pytest.importorskip("rosbags.typesys"),
-    )
-    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    store = message_types()
     types, kind = store.types, "geometry_msgs/msg/TransformStamped"
     plugin = getattr(rosbag2.StoragePlugin, storage)
     with rosbag2.Writer(tmp_path / "bag", version=9, storage_plugin=plugin) as writer:
@@ -181,7 +180,6 @@ def bag(tmp_path, storage):
 
 @pytest.mark.parametrize("storage", ["SQLITE3", "MCAP"])
 def test_a_recording_of_ros_is_read_in_metres(tmp_path, storage):
-    pytest.importorskip("mcap.reader", reason="the extra rona[bags] is not installed")
     found = read_poses([bag(tmp_path, storage)])
     (column,) = found.recording.tools
     assert (column.tool, found.frame, found.kind) == ("board", "camera", "ROS recording")
@@ -191,9 +189,8 @@ def test_a_recording_of_ros_is_read_in_metres(tmp_path, storage):
 
 
 def test_foxglove_frames_in_json_are_read(tmp_path):
-    writer_of = pytest.importorskip("mcap.writer", reason="the extra rona[bags] is not installed")
     with (tmp_path / "a.mcap").open("wb") as out:
-        writer = writer_of.Writer(out)
+        writer = Writer(out)
         writer.start()
         schema = writer.register_schema("foxglove.PoseInFrame", "jsonschema", b"{}")
         channel = writer.register_channel("/tip", "json", schema)

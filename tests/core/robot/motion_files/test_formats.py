@@ -1,12 +1,12 @@
 """Every written format is read back and certified again; what cannot be meant is refused."""
 
 import json
-import sqlite3
-import struct
 
 import numpy as np
 import pytest
+from rosbags import rosbag2
 
+from rona_core.devices.files.ros_bags import message_types
 from rona_core.devices.files.text_tables import NamedFile
 from rona_core.errors import InvalidInputError
 from rona_core.robot.collision.obstacles import NOTHING_AROUND
@@ -15,7 +15,7 @@ from rona_core.robot.motion_files.certified import CertifiedMotion
 from rona_core.robot.motion_files.formats import WRITERS, read_motion
 from rona_core.robot.motion_files.joint_names import columns_of_joints, joint_names
 from rona_core.robot.motion_files.joint_trajectory import trajectory_message
-from rona_core.robot.motion_files.yaml_subset import parse_yaml
+from rona_core.robot.motion_files.ros_bags import STATE
 from rona_core.robot.trajectory.joint_moves import joint_move
 from rona_core.robot.trajectory.trajectory import sampled_motion
 from rona_core.robot.verification.foreign_motion import verify_foreign
@@ -37,8 +37,6 @@ def read(name, text, model=UR5, **more):
 
 @pytest.mark.parametrize("ending", WRITERS)
 def test_a_motion_comes_back_and_is_certified_again(ending):
-    if ending == "mcap":
-        pytest.importorskip("mcap", reason="needs the extra mcap")
     data = WRITERS[ending][1](CERTIFIED)
     for digest in CERTIFIED.digests().values():
         assert digest.encode() in data
@@ -96,7 +94,7 @@ def test_units_are_those_of_the_names():
         ("a.yaml", "joint_names: [a]\npoints: []\n", "2 points or more"),
         ("a.mp4", "x", "no file of a motion"),
         ("a.json", b"\xff\xfe\x00", "expected text"),
-        ("a.db3", b"SQLite format 3\0", "cannot be read as a bag"),
+        ("a.db3", b"SQLite format 3\0", "damaged ROS file"),
     ],
 )
 def test_what_cannot_be_meant_is_refused(name, text, words):
@@ -166,60 +164,53 @@ def test_what_ros_prints_is_read():
     found = read("a.yaml", ECHOED.format(names="\n".join(f"- {name}" for name in NAMES)))
     np.testing.assert_allclose(found.times_s, (0.0, 1.5))
     np.testing.assert_allclose(found.qs_rad[0], (0.0, -1.5, 1.0, 0.0, 0.1, 0.0))
-    assert parse_yaml("a: {b: [1, .nan], c: 'x: y'}\n", "a")["a"]["c"] == "x: y"
-    for text in ("a:\n   b: 1\n  c: 2\n", "a: [1, 2\n", "a: &x 1\n", "- a\n   - b: 1\n"):
+    for text in ("a:\n   b: 1\n  c: 2\n", "a: [1, 2\n", "joint_names: *all\n", "x: !!python/a 1"):
         with pytest.raises(InvalidInputError, match="line"):
-            parse_yaml(text, "a")
+            read("a.yaml", text)
+    with pytest.raises(InvalidInputError, match="YAML"):
+        read("a.yaml", 100_000 * "[")
 
 
-def cdr_state(time_s, names, positions):
-    data = bytearray(struct.pack("<iII", int(time_s), round(time_s % 1.0 * 1e9), 1) + b"\0")
-
-    def put(kind, value):
-        data.extend(bytes(-len(data) % struct.calcsize(kind)))
-        data.extend(struct.pack(f"<{kind}", value))
-
-    put("I", len(names))
-    for name in names:
-        put("I", len(name) + 1)
-        data.extend(name.encode() + b"\0")
-    put("I", len(positions))
-    for q in positions:
-        put("d", q)
-    put("I", 0)
-    put("I", 0)
-    return b"\0\1\0\0" + bytes(data)
-
-
-def bag(path, topics):
-    with sqlite3.connect(path) as made:
-        made.execute("CREATE TABLE topics (id INTEGER, name TEXT, type TEXT)")
-        made.execute("CREATE TABLE messages (topic_id INTEGER, timestamp INTEGER, data BLOB)")
-        for number, (name, rows) in enumerate(topics.items()):
-            kind = "sensor_msgs/msg/JointState"
-            made.execute("INSERT INTO topics VALUES (?, ?, ?)", (number, name, kind))
-            for at, data in rows:
-                made.execute("INSERT INTO messages VALUES (?, ?, ?)", (number, at, data))
-    made.close()
-    return path.read_bytes()
+def bag(folder, topics):
+    """Return a bag with recorded joint states by topic: times, names, positions of each."""
+    types = message_types()
+    header, time, state = (
+        types.types[name] for name in ("std_msgs/msg/Header", "builtin_interfaces/msg/Time", STATE)
+    )
+    none = np.zeros(0)
+    with rosbag2.Writer(folder, version=9, storage_plugin=rosbag2.StoragePlugin.SQLITE3) as bag:
+        for topic, rows in topics.items():
+            connection = bag.add_connection(topic, STATE, typestore=types)
+            for time_s, names, q in rows:
+                sec, nanosec = divmod(round(time_s * 1e9), 10**9)
+                stamp = header(stamp=time(sec=sec, nanosec=nanosec), frame_id="")
+                message = state(stamp, names, position=q, velocity=none, effort=none)
+                data = types.serialize_cdr(message, STATE)
+                bag.write(connection, round(time_s * 1e9), data)
+    (file,) = folder.glob("*.db3")
+    return file.read_bytes()
 
 
 def test_recorded_joint_states_are_a_motion(tmp_path):
     names = [NAMES[k] for k in (2, 1, 0, 3, 4, 5)]
     rows = [
-        (k, cdr_state(100.0 + t, names, q[[2, 1, 0, 3, 4, 5]]))
-        for k, (t, q) in enumerate(zip(MOTION.times_s, MOTION.qs_rad, strict=True))
+        (100.0 + t, names, q[[2, 1, 0, 3, 4, 5]])
+        for t, q in zip(MOTION.times_s, MOTION.qs_rad, strict=True)
     ]
-    found = read("a.db3", bag(tmp_path / "a", {"/joint_states": rows}))
+    whole = bag(tmp_path / "a", {"/joint_states": rows})
+    found = read("a.db3", whole)
     np.testing.assert_array_equal(found.qs_rad, MOTION.qs_rad)
     np.testing.assert_allclose(found.times_s, MOTION.times_s, atol=1e-6)
     two = bag(tmp_path / "b", {"/joint_states": rows, "/left": rows})
     with pytest.raises(InvalidInputError, match="/joint_states, /left"):
         read("a.db3", two)
     np.testing.assert_array_equal(read("a.db3", two, topic="/left").qs_rad, MOTION.qs_rad)
-    for cut in (9, 40, 200):
+    for cut in (40, 2_000, len(whole) - 5_000):
         with pytest.raises(InvalidInputError):
-            read("a.db3", bag(tmp_path / f"cut{cut}", {"/joint_states": [(0, rows[0][1][:cut])]}))
+            read("a.db3", whole[:cut])
+    lacking = [(100.0, names, np.zeros(6)), (101.0, names[:5], np.zeros(5))]
+    with pytest.raises(InvalidInputError, match="message 1: expected a position of each"):
+        read("a.db3", bag(tmp_path / "c", {"/joint_states": lacking}))
 
 
 def test_the_fields_of_the_message_are_those_of_ros():
