@@ -151,6 +151,7 @@ def _robot(robot: str | Path, tool: HeldTool, remarks: list[str]) -> RobotModel:
     remarks.append(f"its tool is that of RONA with the {tool}")
     if str(robot) in ROBOTS:
         name = str(robot)
+        remarks.append(f"joint limits are those that RONA plans with; others: a {DESCRIPTION}")
         return milling_robot(name) if tool == "burr" else robot_model(name)
     path = Path(robot)
     if not path.name.lower().endswith(DESCRIPTION) or not path.is_file():
