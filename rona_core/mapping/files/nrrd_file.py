@@ -4,7 +4,6 @@ import io
 import re
 from typing import Any
 
-import nrrd
 import numpy as np
 
 SPACE = "left-posterior-superior"  # what x, y, z of base count as in all files
@@ -13,6 +12,8 @@ WRITTEN_ON = re.compile(rb"^# on .*\n", re.MULTILINE)  # pynrrd writes the time
 
 def nrrd_bytes(values: np.ndarray, header: dict[str, Any]) -> bytes:
     """Return an array as a NRRD file, compressed; lengths are mm."""
+    import nrrd  # here: few sessions are written as volumes
+
     fields = {"space": SPACE, "space units": ["mm"] * 3, "encoding": "gzip", "frame": "base"}
     file = io.BytesIO()
     nrrd.write(file, values, {**fields, **header}, compression_level=6)

@@ -154,7 +154,11 @@ def test_a_tracker_of_white_noise_leaves_noise_and_what_averaging_rounds_off(whi
 
 def test_what_is_missing_has_no_prediction(polaris):
     session = polaris[0]
-    others = "thickness_sigma_predicted_mm", "coverage_predicted_fraction"
+    others = (
+        "thickness_sigma_predicted_mm",
+        "coverage_predicted_fraction",
+        "scan_duration_predicted_s",
+    )
     assert predicted_figures(Session()) == dict.fromkeys((*KEYS, *others))
     for name in ("tool", "pointer", "surface"):
         less = replace(session, results=replace(session.results, **{name: None}))
