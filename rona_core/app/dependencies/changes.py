@@ -89,7 +89,7 @@ def _is_used(name: str, step: str, session: Session) -> bool:
         result
         for one in parts
         for result in one.results
-        if any(item.part == CAPTURE + name for item in result.inputs.values())
+        if any((item.upstream or item.part) == CAPTURE + name for item in result.inputs.values())
     ]
     made = [session.results.get(result.name) for result in takers]
     by = {result.message.__name__ for result in takers}

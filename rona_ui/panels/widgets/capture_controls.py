@@ -159,8 +159,8 @@ class ImportControls:
             self._markers_words.content = ""
             self._context.send(lambda: StartPivotImport((name,), geometry, **layout), event)
             return
-        how = {"append": purpose == "surface" and self._append.value, "play": self._play.value}
-        self._context.send(lambda: StartRecordingImport(name, purpose, **layout, **how), event)
+        layout |= {"append": purpose == "surface" and self._append.value, "play": self._play.value}
+        self._context.send(lambda: StartRecordingImport(name, purpose, **layout), event)
 
     def render(self, new: Snapshot) -> None:
         """Rest while a job runs or the step is blocked."""

@@ -26,7 +26,7 @@ class Row:
 
     def read(self) -> Any:
         """Return the value of the field."""
-        shown = self.widget.value
+        shown: Any = self.widget.value
         if self.options:
             return self.options[shown]
         if isinstance(shown, str):
