@@ -169,7 +169,7 @@ def imported_note(snapshot: Snapshot, step: str) -> str:
     files: dict[str, list[str]] = {}
     for noun, file in imported_parts(step, snapshot.session):
         files.setdefault(file, []).append(noun)
-    said = "; ".join(f"{' and '.join(nouns)} from {file}" for file, nouns in files.items())
+    said = "; ".join(f"{', '.join(nouns)}, from {file}" for file, nouns in files.items())
     return style.note(f"Imported: {said}." if said else "")
 
 

@@ -64,7 +64,7 @@ def test_captures_are_exported_and_loaded_into_an_empty_session(
     hand.unfold(surgeon, "Load captures")
     hand.choose_file(surgeon, "Choose file", file)
     surgeon.wait_state("Surface", "done")
-    surgeon.frame.get_by_text("the scan from mine.h5").wait_for()
+    surgeon.frame.get_by_text("from mine.h5").wait_for()
     surgeon.open_step("Tool")
-    surgeon.frame.get_by_text("Imported: the motion of the tool from mine.h5.").wait_for()
+    surgeon.frame.get_by_text("Imported: the motion of the tool, from mine.h5.").wait_for()
     assert surgeon.errors == []

@@ -92,7 +92,7 @@ def test_a_step_says_from_which_file_it_is_until_it_is_recorded_again(demo, benc
     assert "Imported" not in panel.remark.content
     bench.run(StartImport(put(bench, "head.csv", cloud_file(demo)), "cloud"))
     panel.render(None, snapshot(bench.session, view=view))
-    assert "Imported: the point cloud from head.csv." in panel.remark.content
+    assert "Imported: the point cloud, from head.csv." in panel.remark.content
     assert "recording" not in panel.remark.content
     log = (replace(one, arguments={**one.arguments, "file": EVIL}) for one in bench.session.log)
     panel.render(None, snapshot(replace(bench.session, log=tuple(log)), view=view))
@@ -120,7 +120,7 @@ def test_a_motion_that_was_loaded_is_the_plan_and_says_so(bench):
     gui = FakeGui()
     panel = RollPanel(gui, Recorder().context)
     panel.render(None, snapshot(bench.session, view=ViewState(step="roll")))
-    assert "Imported: the motion from ours.csv." in panel.remark.content
+    assert "Imported: the motion, from ours.csv." in panel.remark.content
     assert "Selected the imported motion, verified." in panel.remark.content
 
 
