@@ -42,7 +42,7 @@ def test_what_a_file_leaves_open_is_said(purpose: Any) -> None:
     gui, recorder = FakeGui(), Recorder()
     ImportControls(gui, recorder.context, purpose)
     gui.find("text", "Columns").value = "x,y,z,qx,qy,qz,qw "
-    gui.find("dropdown", "Quaternion").value = "x y z w"
+    gui.find("dropdown", "Quaternion").value = "xyzw, real part last"
     gui.find("dropdown", "Unit").value = "m"
     gui.find("text", "Frame").value = "Reference"
     upload(gui, "Choose file…", "poses.csv")

@@ -38,7 +38,7 @@ class StartRecordingImport:
     quaternion: Literal["wxyz", "xyzw"] | None = choice(
         None,
         "Quaternion",
-        {"wxyz": "w x y z", "xyzw": "x y z w"},
+        {"wxyz": "wxyz, real part first", "xyzw": "xyzw, real part last"},
         "Order of its numbers",
         none=AS_NAMED,
     )
