@@ -23,7 +23,7 @@ from rona_core.session.document import Session
 from rona_ui.cli import _parser
 from rona_ui.cli.export import run as export
 from rona_ui.panels.layout.quality import table
-from rona_ui.panels.maps.maps import ExportFolder
+from rona_ui.panels.maps.maps import MapExportFolder
 from rona_ui.panels.setup.setup import SetupPanel
 from rona_ui.server import bare_app
 from tests.helpers.ui.fake_gui import FakeGui
@@ -39,7 +39,7 @@ path = next(where for where in paths if where.endswith("/export/{name}"))
 name = next(one for one in paths[path]["get"]["parameters"] if one["name"] == "name")
 gui = FakeGui()
 SetupPanel(gui, Recorder().context)
-ExportFolder(gui, Recorder().context)
+MapExportFolder(gui, Recorder().context)
 rows = quality_rows({"thickness_p95_mm": 0.25})
 verbs = next(a for a in _parser()._actions if a.choices).choices
 wanted = SimpleNamespace(file=SESSION, only=["outer.xyz"], kinds=[], out=here / "out")

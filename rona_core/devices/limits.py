@@ -98,7 +98,9 @@ def quaternion(default: Any, label: str, rule: str = "") -> Any:
     return number(default, label, "", -1.001, 1.001, 0.001, **words)
 
 
-def choice(default: Any, label: str, labels: Mapping[Any, str], hint: str = "") -> Any:
+def choice(
+    default: Any, label: str, labels: Mapping[Any, str], hint: str = "", **words: Any
+) -> Any:
     """Declare a text that is one of several.
 
     Args:
@@ -106,8 +108,10 @@ def choice(default: Any, label: str, labels: Mapping[Any, str], hint: str = "") 
         label: What people call it.
         labels: What people call each value, in the order of a form.
         hint: What it means, beyond its label.
+        words: Further ones of ``WORDS``, as ``none``.
     """
-    return limited(default, label=label, hint=hint, labels=labels, enum=tuple(labels))
+    words = {"hint": hint, "labels": labels, "enum": tuple(labels), **words}
+    return limited(default, label=label, **words)
 
 
 def switch(default: bool, label: str, hint: str = "") -> Any:

@@ -11,11 +11,13 @@ from rona_core.app.steps.surface.messages import (
     StartSkullRegistration,
     StartSurfaceCapture,
 )
+from rona_core.app.steps.surface.step import is_own_cloud
 from rona_core.session.document import Session
 from rona_core.session.specimen import LoadedSkull
 from rona_ui.panels.tool.tool import VERDICTS
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.capture_controls import DrawingControls, ImportControls, Lifts, Picks
+from rona_ui.panels.widgets.file_folders import LoadFolder
 from rona_ui.panels.widgets.step_panel import StepPanel
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import escape
@@ -52,6 +54,7 @@ class SurfacePanel(StepPanel):
         )
         self._registered = self.gui.add_html("")
         self._import = ImportControls(self.gui, self.context, "surface")
+        self._load = LoadFolder(self.gui, self.context, "cloud")
 
     def _strokes(self, picks: Picks, lifts: Lifts) -> Any:
         duration_s = min(600.0, max(3.0 * (len(lifts) + 1), 0.5 * len(picks)))
@@ -67,6 +70,7 @@ class SurfacePanel(StepPanel):
         """Follow drawing and recordings."""
         self._drawing.render(new)
         self._import.render(new)
+        self._load.render(new)
         there = bool(new.session.captures.surface)
         self._rebuild.visible = self._clear.visible = there and new.view.drawing is None
         self._rebuild.disabled = self._clear.disabled = self._register.disabled = new.busy
@@ -93,6 +97,8 @@ class SurfacePanel(StepPanel):
                 f"(specification) {expected.tracker_mm:.2f}, robot (specification) "
                 f"{expected.robot_mm:.2f} mm."
             )
+        if is_own_cloud(snapshot.session):
+            return style.note(f"{len(cloud.points_base)} points. {words}".rstrip(), "good")
         return style.note(
             f"{len(cloud.points_base)} points from {len(strokes)} "
             f"recording{'' if len(strokes) == 1 else 's'}; {cloud.n_dropped} rejected as "

@@ -67,6 +67,41 @@ def what_changed_since(kind: str, capture: Capture | None, session: Session) -> 
     return f"{listed} was changed since {done(CAPTURE + kind)}"
 
 
+def imported_parts(step: str, session: Session) -> tuple[tuple[str, str], ...]:
+    """Return what of a step was imported and is used: "the point cloud", and name of the file.
+
+    The name is "a file" where the log does not have it.
+    """
+    found: list[tuple[str, str]] = []
+    for name in REGISTRY.parts_of(step)[0]:
+        held = session.captures.get(name)
+        captures = held if isinstance(held, tuple) else (held,)
+        for capture in captures:
+            if is_imported(capture) and _is_used(name, step, session):
+                found.append((_noun(done(CAPTURE + name)), _file_of(name, capture, session)))
+    return tuple(dict.fromkeys(found))
+
+
+def _is_used(name: str, step: str, session: Session) -> bool:
+    """Return whether no result of a step was made by a message that takes another capture."""
+    parts = [one for one in REGISTRY.steps if step in (one.name, one.part_of)]
+    takers = [
+        result
+        for one in parts
+        for result in one.results
+        if any((item.upstream or item.part) == CAPTURE + name for item in result.inputs.values())
+    ]
+    made = [session.results.get(result.name) for result in takers]
+    by = {result.message.__name__ for result in takers}
+    return all(one is None or one.message in by for one in made)
+
+
+def _file_of(kind: str, capture: Capture | None, session: Session) -> str:
+    ordinal = getattr(capture, "ordinal", None)
+    stored = (entry for entry in reversed(session.log) if _stores(entry, kind, ordinal))
+    return str(next((entry.arguments.get("file") for entry in stored), None) or "a file")
+
+
 def _changed_since(kind: str, ordinal: object, session: Session) -> set[str]:
     """Return names of messages, results and captures in the log after this capture."""
     places = [n for n, entry in enumerate(session.log) if _stores(entry, kind, ordinal)]

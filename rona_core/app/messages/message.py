@@ -53,6 +53,7 @@ class StoreCapture:
     kind: str  # the name of the capture, as its step declares it
     capture: Capture
     append: bool = False
+    file: str | None = None  # name of the one that it came out of
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -122,14 +122,14 @@ def _poses_in(root: str, rows: list[FrameRow]) -> dict[str, Pose]:
     return found
 
 
-def tfm_bytes(T_root_frame: Pose, turned: np.ndarray) -> bytes:
+def tfm_bytes(pose: Pose, turned: np.ndarray) -> bytes:
     """Return a pose as an ITK transform, which leads from parent to child as Slicer saves them.
 
     Args:
-        T_root_frame: The pose, in mm.
+        pose: Of the frame in the parent, in mm.
         turned: What turns (3, 3) coordinates of the parent into left, posterior, superior.
     """
-    back = T_root_frame.inv()
+    back = pose.inv()
     rotation = back.rotation @ turned.T
     numbers = " ".join(map(repr, (*rotation.ravel().tolist(), *back.translation.tolist())))
     return (

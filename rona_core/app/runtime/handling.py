@@ -229,10 +229,17 @@ def record(
         activity: Message, session: Session, context: ActivityContext
     ) -> tuple[Message, ...]:
         taken = capture(activity, session, context)
-        stored = StoreCapture(kind, taken, getattr(activity, "append", False))
+        append = getattr(activity, "append", False)
+        stored = StoreCapture(kind, taken, append, _file_of(activity))
         return (stored,) if taken.partial or then is None else (stored, then())
 
     return perform
+
+
+def _file_of(activity: Message) -> str | None:
+    """Return the name of the file that an activity reads, the first of several; None: of none."""
+    first, *others = getattr(activity, "files", None) or (getattr(activity, "file", None),)
+    return f"{first} and {len(others)} more" if others else first
 
 
 def compute(

@@ -41,6 +41,7 @@ from rona_core.app.steps.maps.view import layers_of
 from rona_core.session.document import Session
 from rona_ui.panels.maps.maps import color_bar
 from rona_ui.panels.widgets import style
+from rona_ui.panels.widgets.file_folders import ExportFolder
 from rona_ui.panels.widgets.form import Form
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
 from rona_ui.panels.widgets.step_panel import JudgementNote, StepPanel
@@ -145,24 +146,16 @@ EXPORT_EXPLANATION = (
 )
 
 
-class BedExportFolder:
-    """Choice of a file, and the button that downloads it."""
+class BedExportFolder(ExportFolder):
+    """Files of the bed."""
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
-        self._window = gui.add_folder("Export", visible=False, expand_by_default=False)
-        with self._window:
-            gui.add_html(style.text(EXPORT_EXPLANATION))
-            without = tuple(one.name for one in EXPORTS if one.name not in MOTIONS)
-            self._file = file = gui.add_dropdown("File", without)
-            button = gui.add_button("Download bed", icon="download", color="gray")
-        on_click(button, lambda e: context.service(f"export:{file.value}", e, None))
+        without = tuple(one.name for one in EXPORTS if one.name not in MOTIONS)
+        super().__init__(gui, context, without, words=EXPORT_EXPLANATION, button="Download bed")
 
     def render(self, new: Snapshot) -> None:
         """Offer files where there is a bed that can be milled."""
-        self._window.visible = new.milling is not None
-        names = offered(new.session)
-        if tuple(self._file.options) != names:
-            self._file.options = names
+        self.show(there=new.milling is not None, names=offered(new.session))
 
 
 LINES_EXPLANATION = "Where to scan on, so that the bone below this bed is known better."

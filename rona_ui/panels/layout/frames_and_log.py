@@ -127,11 +127,12 @@ def _line(entry: LogEntry) -> str:
 
 
 def _details(entry: LogEntry) -> str:
-    """Return the fields of a message by their labels; of a recording its number."""
+    """Return the fields of a message by their labels; of a recording its number and file."""
     kind = REGISTRY.messages.get(entry.message)
     if kind is None:
-        held = entry.arguments.get("capture")
-        return f"recording {held['ordinal']}" if isinstance(held, dict) else ""
+        held, file = entry.arguments.get("capture"), entry.arguments.get("file")
+        words = f"recording {held['ordinal']}" if isinstance(held, dict) else ""
+        return f"{words} from {file}" if file else words
     found: list[str] = []
     for name, value in entry.arguments.items():
         words = limits_of(kind).get(name, {})

@@ -26,6 +26,7 @@ from rona_ui.panels.handheld import HandheldControls
 from rona_ui.panels.maps.comparison import ComparisonFolder
 from rona_ui.panels.maps.volume import VolumeFolder
 from rona_ui.panels.widgets import style
+from rona_ui.panels.widgets.file_folders import ExportFolder
 from rona_ui.panels.widgets.form import Form
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
 from rona_ui.panels.widgets.step_panel import JudgementNote, StepPanel, judged, stopped_note
@@ -46,28 +47,18 @@ EXPLANATION = (
 )
 
 
-class ExportFolder:
-    """Choice of a file, and the button that downloads it."""
+class MapExportFolder(ExportFolder):
+    """Files of the maps."""
 
     def __init__(self, gui: Any, context: PanelContext) -> None:
-        self._window = gui.add_folder("Export", visible=False, expand_by_default=False)
-        with self._window:
-            gui.add_html(style.text(EXPLANATION))
-            file = gui.add_dropdown("File", tuple(one.name for one in EXPORTS))
-            self._words = gui.add_html("")
-            self._button = gui.add_button("Download maps", icon="download", color="gray")
-        on_click(self._button, lambda e: context.service(f"export:{file.value}", e, None))
+        names = tuple(one.name for one in EXPORTS)
+        super().__init__(gui, context, names, words=EXPLANATION, button="Download maps")
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow the maps; stale ones are not exported."""
-        if not changed(old, new, "session"):
-            return
-        self._window.visible = new.session.results.maps is not None
-        reason = stale_reason("maps", new.session)
-        self._button.disabled = reason is not None
-        self._words.content = (
-            "" if reason is None else style.note(f"Not exported: {reason}.", "warn")
-        )
+        if changed(old, new, "session"):
+            there = new.session.results.maps is not None
+            self.show(there=there, reason=stale_reason("maps", new.session))
 
 
 TILTED_PASSES = (
@@ -213,7 +204,7 @@ class MapsPanel(StepPanel):
             self._sono = HandheldControls(gui, context)
             self._volume = VolumeFolder(gui, context)
             self._comparison = ComparisonFolder(gui, context)
-            self._export = ExportFolder(gui, context)
+            self._export = MapExportFolder(gui, context)
 
     def build_result(self) -> None:
         """Add the colour bar, and the choice of what is shown."""

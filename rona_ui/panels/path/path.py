@@ -9,10 +9,12 @@ from rona_core.app.steps.path.messages import (
     GenerateScanPattern,
     PaintRegion,
     StartPathCapture,
+    TakePathPoints,
 )
 from rona_core.app.steps.path.path_checks import expected_coverage
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.capture_controls import DrawingControls, ImportControls, Lifts, Picks
+from rona_ui.panels.widgets.file_folders import LoadFolder
 from rona_ui.panels.widgets.form import Form
 from rona_ui.panels.widgets.panel_context import PanelContext
 from rona_ui.panels.widgets.step_panel import StepPanel
@@ -83,6 +85,7 @@ class PaintingControls:
         )
 
 
+MADE = {GenerateScanPattern.__name__: "Pattern", TakePathPoints.__name__: "Imported path"}
 HELP = {
     "center": "Click the skull to set the centre of the pattern.",
     "boundary": "Click the corners of the boundary one after the other, or drag along it.",
@@ -108,6 +111,7 @@ class PathPanel(StepPanel):
         self._painting = PaintingControls(self.gui, self.context)
         self._pattern = PatternControls(self.gui, self.context)
         self._import = ImportControls(self.gui, self.context, "path")
+        self._load = LoadFolder(self.gui, self.context, "path")
 
     def _line(self, picks: Picks, _lifts: Lifts) -> Any:
         duration_s = max(5.0, 0.5 * len(picks))
@@ -124,13 +128,14 @@ class PathPanel(StepPanel):
         self._painting.render(new)
         self._pattern.render(new)
         self._import.render(new)
+        self._load.render(new)
 
     def remarks(self, snapshot: Snapshot) -> str:
         """Say how many points were demonstrated."""
         derived = snapshot.session.results.path
         if derived is None:
             return ""
-        made = "Pattern" if derived.message == "GenerateScanPattern" else "Demonstrated path"
+        made = MADE.get(derived.message, "Demonstrated path")
         count = len(derived.value.points_base)
         words = f"{made} of {count} points."
         share = expected_coverage(snapshot.session)

@@ -4,24 +4,30 @@ from functools import partial
 from typing import Any, Literal
 
 from rona_core.app.declarations.figures import FIGURES
+from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.roll.certificate_view import (
     CLEARANCE,
     DURATION,
     CertificateView,
     CheckPlace,
     certificate_view,
+    plan_reason,
 )
+from rona_core.app.steps.roll.export import EXPORTS, is_urscript
 from rona_core.app.steps.roll.inputs import last_roll_search
 from rona_core.app.steps.roll.messages import (
     ApplyBasePlacement,
     StartBasePlacement,
     StartRollSearch,
+    TakeMotion,
 )
 from rona_core.app.steps.roll.step import BasePlace, BasePlacement, fresh_placement, moves
 from rona_core.app.steps.roll.view import expected_duration, joint_curves, none_works
 from rona_core.devices.limits import limits_of
+from rona_core.devices.robots import UNIVERSAL
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
+from rona_ui.panels.widgets.file_folders import ExportFolder, LoadFolder
 from rona_ui.panels.widgets.form import Form
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change
 from rona_ui.panels.widgets.step_panel import StepPanel
@@ -246,6 +252,35 @@ def place_words(place: BasePlace) -> str:
     )
 
 
+EXPLANATION = (
+    "Certified motion of the scan (rad, s), linear between its samples: as a table (.csv), a "
+    "JointTrajectory of ROS (.json, .yaml, .mcap) or, for UR arms, as URScript (.script)."
+)
+
+
+class MotionExportFolder(ExportFolder):
+    """Files of the certified motion."""
+
+    def __init__(self, gui: Any, context: PanelContext) -> None:
+        names = tuple(one.name for one in EXPORTS)
+        super().__init__(
+            gui, context, names, words=EXPLANATION, button="Download motion", title="Export motion"
+        )
+
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
+        """Follow the plan; one that is stale or refused is not exported."""
+        if not changed(old, new, "session"):
+            return
+        session = new.session
+        plan = session.results.roll
+        has_script = session.setup.devices.robot.model in UNIVERSAL
+        names = tuple(one.name for one in EXPORTS if has_script or not is_urscript(one.name))
+        there = plan is not None and plan.value.trajectory is not None
+        self.show(
+            there=there, names=names, reason=stale_reason("roll", session) or plan_reason(session)
+        )
+
+
 LEGEND = ((css(GREEN), "feasible"), (css(VERMILLION), "infeasible"), (css(BLUE), "selected"))
 
 
@@ -263,6 +298,8 @@ class RollPanel(StepPanel):
         super().__init__(gui, context)
         with self.folder:
             self._places = BasePlacementControls(gui, context)
+            self._load = LoadFolder(gui, context, "motion")
+            self._export = MotionExportFolder(gui, context)
 
     def build(self) -> None:
         """Add the range."""
@@ -279,6 +316,8 @@ class RollPanel(StepPanel):
     def update(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow what is shown of the surroundings, and offer places of the base."""
         self._places.render(old, new)
+        self._load.render(new)
+        self._export.render(old, new)
         if changed(old, new, "view.hidden"):
             self._obstacles.value = "obstacles" not in new.view.hidden
 
@@ -295,7 +334,9 @@ class RollPanel(StepPanel):
         else:
             view = certificate_view(snapshot.session)
             certified = view is not None and view.certified
-            if search.mode == "variable":
+            if derived.message == TakeMotion.__name__:
+                chosen = "the imported motion"
+            elif search.mode == "variable":
                 chosen = f"a roll varying over {search.roll_variation_deg:.0f}°"
             else:
                 chosen = f"{search.verdicts[search.chosen].roll_deg:.0f}°"

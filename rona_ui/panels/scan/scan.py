@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.judge import blocked, judge_part
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.maps.growing_map import GrowingMap
@@ -31,6 +32,7 @@ from rona_core.app.steps.setup.messages import SetContact
 from rona_core.geometry.arrays import Floats
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
+from rona_ui.panels.widgets.file_folders import ExportFolder, LoadFolder
 from rona_ui.panels.widgets.form import SettingsForm
 from rona_ui.panels.widgets.graphs import Axis, Graph
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change
@@ -308,6 +310,26 @@ def growing_bar(growing: GrowingMap | None) -> str:
     return style.color_bar("Height of the outer boundary (mm)", *ticks) + style.text(words)
 
 
+CAPTURES = (
+    "All that was recorded in this session, with units and frames (captures.h5), and all "
+    "transforms: as JSON, and for 3D Slicer (.tfm)."
+)
+
+
+class CaptureExportFolder(ExportFolder):
+    """Files of what was recorded."""
+
+    def __init__(self, gui: Any, context: PanelContext) -> None:
+        names = tuple(one.name for one in REGISTRY.exports.values() if one.kind == "captures")
+        super().__init__(
+            gui, context, names, words=CAPTURES, button="Download captures", title="Export captures"
+        )
+
+    def render(self, new: Snapshot) -> None:
+        """Offer the files once something was recorded."""
+        self.show(there=bool(new.session.archive))
+
+
 class ScanPanel(StepPanel):
     """One button; Stop is in the bar above and on the key Esc."""
 
@@ -328,6 +350,8 @@ class ScanPanel(StepPanel):
             self._mounting = MountingFields(self.gui, self.context)
         with self.gui.add_folder("Which probe", expand_by_default=False):
             self._look = QuickLookFields(self.gui, self.context)
+        self._load = LoadFolder(self.gui, self.context, "captures")
+        self._export = CaptureExportFolder(self.gui, self.context)
 
     def update(self, old: Snapshot | None, new: Snapshot) -> None:
         """Show how the probe is mounted, and pressed on."""
@@ -335,6 +359,8 @@ class ScanPanel(StepPanel):
         self._contact.render(old, new)
         self._mounting.render(old, new)
         self._look.render(old, new)
+        self._load.render(new)
+        self._export.render(new)
         growing = shown_growing_map(new)
         if old is None or shown_growing_map(old) is not growing:
             self._growing.content = growing_bar(growing)

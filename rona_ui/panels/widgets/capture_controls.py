@@ -1,11 +1,12 @@
 """Controls of a capture without its device: drawn by mouse, or read from files."""
 
 from collections.abc import Callable
-from pathlib import PurePath
 from typing import Any, Literal
 
 from rona_core.app.steps.recordings.messages import StartPivotImport, StartRecordingImport
 from rona_ui.panels.widgets import style
+from rona_ui.panels.widgets.file_folders import store_upload
+from rona_ui.panels.widgets.form import Form
 from rona_ui.panels.widgets.panel_context import PanelContext, on_click
 from rona_ui.presentation.mouse_input import (
     LIFTED,
@@ -98,31 +99,34 @@ def _help_words(view: ViewState) -> str:
 
 
 Purpose = Literal["pivot", "surface", "path"]
-SEQUENCES = ".mha"
-PIVOTS = ".mha,.csv,.txt,.zip"
+POSES = ".mha,.mhd,.nrrd,.csv,.tsv,.txt,.zip,.npy,.npz,.mat,.json,.bag,.mcap,.db3"
 GEOMETRIES = ".csv,.txt,.rom"
+STROKES = (
+    "A recording of the pointer with times: a sequence file (.igs.mha), a table with a pose in "
+    "each row, or a ROS bag. Poses of the marker in the tracker, in mm."
+)
 WORDS: dict[Purpose, str] = {
     "pivot": (
         "A recording (.igs.mha), a table with a pose in each row (matrix, or position and "
         "quaternion), a zip with a 4 x 4 matrix in each file, or rows of frame,marker,x,y,z with "
         "the tool geometry. Poses of the marker in the tracker, in mm."
     ),
-    "surface": "A recording of the pointer (.igs.mha) from PLUS, 3D Slicer or RONA.",
-    "path": "A recording of the pointer (.igs.mha) from PLUS, 3D Slicer or RONA.",
+    "surface": STROKES,
+    "path": STROKES,
 }
 
 
 class ImportControls:
-    """A closed folder with the tool's name and a button that takes a file."""
+    """A closed folder with a button that takes a file, and with what the file may leave open."""
 
     def __init__(self, gui: Any, context: PanelContext, purpose: Purpose) -> None:
         self._context = context
         self._purpose: Purpose = purpose
         self._geometry: str | None = None  # uploaded, for the next import
         self._folder = gui.add_folder("Import recording", expand_by_default=False)
+        self._layout = Form(gui)
         with self._folder:
             gui.add_html(style.text(WORDS[purpose]))
-            self._tool = gui.add_text("Tool", "", hint="Needed if the recording has several tools")
             if purpose == "pivot":
                 self._markers = gui.add_upload_button(
                     "Load tool geometry…", icon="upload", mime_type=GEOMETRIES, color="gray"
@@ -134,36 +138,33 @@ class ImportControls:
                 self._play = gui.add_checkbox("Play back", False, hint=hint)
             if purpose == "surface":
                 self._append = gui.add_checkbox("Append to strokes", True)
-            kinds = PIVOTS if purpose == "pivot" else SEQUENCES
+            with gui.add_folder("What the file leaves open", expand_by_default=False):
+                self._layout.of(StartPivotImport if purpose == "pivot" else StartRecordingImport)
             self._upload = gui.add_upload_button(
-                "Choose file…", icon="upload", mime_type=kinds, color="gray"
+                "Choose file…", icon="upload", mime_type=POSES, color="gray"
             )
             self._upload.on_upload(self._take)
 
     async def _take_markers(self, event: Any) -> None:
-        self._geometry = self._store(event, self._markers.value)
+        self._geometry = store_upload(self._context, event, self._markers.value)
         self._markers_words.content = style.note(
             f"Tool geometry {self._geometry}: used for the next import."
         )
 
     async def _take(self, event: Any) -> None:
-        name = self._store(event, self._upload.value)
-        tool, purpose = self._tool.value.strip() or None, self._purpose
+        name, purpose = store_upload(self._context, event, self._upload.value), self._purpose
+        layout = self._layout.values()
         if purpose == "pivot":
             geometry, self._geometry = self._geometry, None
             self._markers_words.content = ""
-            self._context.send(lambda: StartPivotImport((name,), geometry, tool), event)
+            self._context.send(lambda: StartPivotImport((name,), geometry, **layout), event)
             return
-        play, append = bool(self._play.value), purpose == "surface" and bool(self._append.value)
-        self._context.send(lambda: StartRecordingImport(name, purpose, tool, append, play), event)
-
-    def _store(self, event: Any, uploaded: Any) -> str:
-        name = PurePath(uploaded.name.replace("\\", "/")).name
-        self._context.service(f"upload:{name}", event, uploaded.content)
-        return name
+        layout |= {"append": purpose == "surface" and self._append.value, "play": self._play.value}
+        self._context.send(lambda: StartRecordingImport(name, purpose, **layout), event)
 
     def render(self, new: Snapshot) -> None:
         """Rest while a job runs or the step is blocked."""
         step = "pointer" if self._purpose == "pivot" else self._purpose
         self._upload.disabled = new.busy or new.step(step).state == "blocked"
+        self._layout.enable(not new.busy)
         self._folder.visible = new.view.drawing is None

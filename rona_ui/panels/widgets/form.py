@@ -7,6 +7,7 @@ from typing import Any
 
 from rona_core.devices.limits import heading, limits_of
 from rona_core.session.document import Session
+from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.panel_context import PanelContext, on_change
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import Event
@@ -25,9 +26,11 @@ class Row:
 
     def read(self) -> Any:
         """Return the value of the field."""
-        shown = self.widget.value
+        shown: Any = self.widget.value
         if self.options:
             return self.options[shown]
+        if isinstance(shown, str):
+            shown = shown.strip()
         if "none" in self.words and not shown:
             return None
         return round(shown / 100.0, 9) if self.words.get("percent") else shown
@@ -80,12 +83,13 @@ class Form:
             return self._gui.add_dropdown(label, tuple(options), initial_value=shown, hint=hint)
         if isinstance(shown, bool):
             return self._gui.add_checkbox(label, shown, hint=hint)
+        if isinstance(shown, str):
+            return self._gui.add_text(label, shown, hint=_with_none(hint, "Empty", words))
         low, high, step = form_range(words)
         if isinstance(shown, tuple):
             limits = {"min": (low,) * 3, "max": (high,) * 3, "step": step}
             return self._gui.add_vector3(label, shown, **limits, hint=hint)
-        if "none" in words:
-            hint = f"{hint}. 0: {words['none']}" if hint else f"0: {words['none']}"
+        hint = _with_none(hint, "0", words)
         return self._gui.add_number(label, shown, min=low, max=high, step=step, hint=hint)
 
     def _slider(self, words: Mapping[str, Any], _options: Mapping[str, Any], shown: Any) -> Any:
@@ -176,10 +180,17 @@ def form_range(words: Mapping[str, Any]) -> tuple[float, float, float]:
 
 def _options(words: Mapping[str, Any]) -> dict[str, Any]:
     """Return the labels of a choice with their values; none where the field is no choice."""
-    if "offered" in words:
-        numbers = {f"{value:g} {words['unit']}": value for value in words["offered"]}
-        return {words["none"]: None, **numbers}
-    return {label: value for value, label in words.get("labels", {}).items()}
+    options = {label: value for value, label in words.get("labels", {}).items()}
+    options |= {f"{value:g} {words['unit']}": value for value in words.get("offered", ())}
+    return (
+        {style.sentence(words["none"]): None, **options} if options and "none" in words else options
+    )
+
+
+def _with_none(hint: str, shown: str, words: Mapping[str, Any]) -> str:
+    """Return a hint with what an empty field means, where it means something."""
+    none = f"{shown}: {words['none']}" if "none" in words else ""
+    return ". ".join(filter(None, (hint, none)))
 
 
 def _shown(value: Any, words: Mapping[str, Any], options: Mapping[str, Any]) -> Any:
@@ -187,5 +198,5 @@ def _shown(value: Any, words: Mapping[str, Any], options: Mapping[str, Any]) -> 
     if options:
         return next((label for label, option in options.items() if option == value), None)
     if value is None:
-        return 0.0 if "none" in words else None
+        return None if "none" not in words else "" if "maxLength" in words else 0.0
     return round(100.0 * value, 7) if words.get("percent") else value

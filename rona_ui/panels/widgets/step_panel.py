@@ -5,6 +5,7 @@ from typing import Any, ClassVar
 from rona_core.app.declarations.declarations import Judgement as InputJudgement
 from rona_core.app.declarations.declarations import Message, Remedy
 from rona_core.app.declarations.registry import REGISTRY
+from rona_core.app.dependencies.changes import imported_parts
 from rona_core.app.overview.acceptance import (
     Judgement,
     QualityRow,
@@ -157,9 +158,19 @@ class StepPanel:
             remedy, failed = figures.remedy if missed else None, figures.verdict == "fail"
             self.verdict.offer(missed + stopped, remedy, busy=new.busy, first=failed)
             # what is not good is not praised
-            self.remark.content = html.replace("r-note good", "r-note") if stale or missed else html
+            html = html.replace("r-note good", "r-note") if stale or missed else html
+            self.remark.content = imported_note(new, self.step) + html
             shown = html and self.start is not None  # the result takes the place of the explanation
             self._explained.content = "" if shown else style.text(self.explanation)
+
+
+def imported_note(snapshot: Snapshot, step: str) -> str:
+    """Return which captures of a step came out of which files, as HTML; empty where none did."""
+    files: dict[str, list[str]] = {}
+    for noun, file in imported_parts(step, snapshot.session):
+        files.setdefault(file, []).append(noun)
+    said = "; ".join(f"{', '.join(nouns)}, from {file}" for file, nouns in files.items())
+    return style.note(f"Imported: {said}." if said else "")
 
 
 def stopped_note(snapshot: Snapshot, activity: str) -> str:

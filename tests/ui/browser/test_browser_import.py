@@ -47,3 +47,24 @@ def test_a_pivot_is_imported_and_what_was_imported_is_downloaded(
     track = read_igs_mha(saved.read_bytes()).track("marker")
     assert track.Ts_tracker_marker.translations.tobytes() == made.translations.tobytes()
     assert surgeon.errors == []
+
+
+def test_captures_are_exported_and_loaded_into_an_empty_session(
+    surgeon: Surgeon, tmp_path: Path
+) -> None:
+    surgeon.open_demo()
+    surgeon.open_step("Scan")
+    hand.unfold(surgeon, "Export captures")
+    with surgeon.page.expect_download() as download:
+        surgeon.button("Download captures").click()
+    file = tmp_path / "mine.h5"
+    download.value.save_as(file)
+    new_session(surgeon)
+    surgeon.open_step("Scan")
+    hand.unfold(surgeon, "Load captures")
+    hand.choose_file(surgeon, "Choose file", file)
+    surgeon.wait_state("Surface", "done")
+    surgeon.frame.get_by_text("from mine.h5").wait_for()
+    surgeon.open_step("Tool")
+    surgeon.frame.get_by_text("Imported: the motion of the tool, from mine.h5.").wait_for()
+    assert surgeon.errors == []

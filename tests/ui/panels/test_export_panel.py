@@ -7,7 +7,7 @@ from rona_core.app.steps.maps.export import EXPORTS
 from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.compose import new_workbench
 from rona_core.session.document import Session
-from rona_ui.panels.maps.maps import ExportFolder
+from rona_ui.panels.maps.maps import MapExportFolder
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.window.browser import Browser
 from tests.helpers.ui.fake_gui import FakeClient, FakeGui
@@ -23,7 +23,7 @@ def snapshot(session):
 
 def test_the_chosen_file_is_downloaded(demo):
     gui, recorder = FakeGui(), Recorder()
-    panel = ExportFolder(gui, recorder.context)
+    panel = MapExportFolder(gui, recorder.context)
     panel.render(None, snapshot(demo))
     chosen, button = gui.find("dropdown", "File"), gui.find("button", "Download maps")
     assert tuple(chosen.options) == tuple(one.name for one in EXPORTS)
@@ -36,7 +36,7 @@ def test_the_chosen_file_is_downloaded(demo):
 
 def test_it_is_hidden_without_maps_and_says_why_stale_ones_are_not_exported(demo):
     gui = FakeGui()
-    panel = ExportFolder(gui, Recorder().context)
+    panel = MapExportFolder(gui, Recorder().context)
     empty = snapshot(Session())
     panel.render(None, empty)
     folder, button = gui.find("folder", "Export"), gui.find("button", "Download maps")

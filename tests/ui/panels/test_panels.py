@@ -404,12 +404,14 @@ def test_the_log_is_in_sentences_with_the_labels_of_fields() -> None:
     time_utc = "2026-01-01T00:00:00.000"
     robot = {"model": "rx90", "errors": True, "base_shift_mm": [1.0, 2.0, 3.0]}
     capture = {"kind": "scan", "capture": {"ordinal": 7, "digest": "abc"}, "append": False}
+    loaded = {**capture, "file": "mine.h5"}
     made = {"message": "StartMapping", "values": {"maps": {"digest": "abc"}}}
     entries = (
         LogEntry(1, "SetRobot", robot, time_utc),
         LogEntry(2, "SetPointer", {"kind": "pointer6d"}, time_utc),
         LogEntry(3, "StoreCapture", capture, time_utc),
         LogEntry(4, "StoreResult", made, time_utc),
+        LogEntry(5, "StoreCapture", loaded, time_utc),
     )
     log.render(None, snapshot(Session(log=entries)))
     shown = gui.html()
@@ -418,6 +420,7 @@ def test_the_log_is_in_sentences_with_the_labels_of_fields() -> None:
         "Base shift (mm): 1.0, 2.0, 3.0</span>",
         "<b>The pointer was changed</b> <span>Pointer: 6D pointer</span>",
         "<b>The scan was recorded</b> <span>recording 7</span>",
+        "<b>The scan was recorded</b> <span>recording 7 from mine.h5</span>",
         "<b>The maps were computed</b>",
     ):
         assert words in shown

@@ -73,7 +73,8 @@ def perform_import(
         return _motion(file, session)
     name, follows = POINTS[activity.purpose]
     ordinal, taken_from = len(session.archive) + 1, imported_digest([file.data])
-    return (StoreCapture(name, PointsCapture(ordinal, taken_from, read_points(file))), follows())
+    taken = PointsCapture(ordinal, taken_from, read_points(file))
+    return (StoreCapture(name, taken, file=file.name), follows())
 
 
 def _motion(file: NamedFile, session: Session) -> tuple[Message, ...]:
@@ -84,10 +85,8 @@ def _motion(file: NamedFile, session: Session) -> tuple[Message, ...]:
         raise InvalidInputError(f"{file.name}: times must grow: `rona verify` says where")
     way = driven(motion, motion.stated())
     taken = MotionCapture(0, "", readonly(way.times_s), readonly(way.qs_rad))
-    return (
-        StoreCapture("robot_motion", _marked(taken, len(session.archive) + 1, file, session)),
-        TakeMotion(),
-    )
+    marked = _marked(taken, len(session.archive) + 1, file, session)
+    return (StoreCapture("robot_motion", marked, file=file.name), TakeMotion())
 
 
 def _captures(file: NamedFile, only: tuple[str, ...], session: Session) -> list[Message]:
@@ -108,7 +107,7 @@ def _captures(file: NamedFile, only: tuple[str, ...], session: Session) -> list[
         several = held if isinstance(held, tuple) else () if held is None else (held,)
         for number, capture in enumerate(several):
             marked = _marked(capture, len(session.archive) + len(stored) + 1, file, session)
-            stored.append(StoreCapture(name, marked, number > 0))
+            stored.append(StoreCapture(name, marked, number > 0, file.name))
         if several and not several[-1].partial:
             taken.append(name)
     if missing := [name for name in only if name not in taken]:
