@@ -1,6 +1,7 @@
 """``rona calibrate hand-eye``: files in pairs, one table, times; what it prints and draws."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -146,3 +147,13 @@ def test_over_rest(client):
     ):
         assert client.post(f"{at}/calibrations/hand-eye", json=wrong).status_code == status
     client.delete(at)
+
+
+def test_a_full_disk_is_named_with_the_picture(files, capsys, tmp_path, monkeypatch):
+    def full(path, data):
+        raise OSError(28, "No space left on device", str(path))
+
+    given = files(a=table(ROBOT), b=table(SEEN))
+    monkeypatch.setattr(Path, "write_bytes", full)
+    assert main(["calibrate", "hand-eye", *given, "--picture", str(tmp_path / "a.svg")]) == 2
+    assert "a.svg: the disk is full" in capsys.readouterr().err

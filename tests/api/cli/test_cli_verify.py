@@ -1,6 +1,7 @@
 """``rona verify`` and ``rona export`` by kinds: what they print, write, and their exit status."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -108,3 +109,14 @@ def test_files_are_exported_by_kind_and_what_cannot_be_made_is_said(capsys, tmp_
     names = {path.name for path in out.iterdir()}
     assert {"scan_motion.csv", "scan_motion.yaml", "milling_motion.json"} <= names
     assert not any(name.endswith((".script", ".stl")) for name in names)
+
+
+def test_a_full_disk_is_named_with_the_picture(capsys, tmp_path, motion, monkeypatch):
+    def full(path, data):
+        raise OSError(28, "No space left on device", str(path))
+
+    file = written(tmp_path / "a.csv", *motion)
+    monkeypatch.setattr(Path, "write_bytes", full)
+    arguments = (file, "--robot", "ur5", "--picture", tmp_path / "a.svg")
+    said = asked(capsys, *arguments, status=2).err
+    assert "a.svg: the disk is full" in said

@@ -34,12 +34,15 @@ PLACES = {
     "rona_core/app/runtime/saving/journal.py": "tests/app/runtime/test_autosave.py",
     "rona_core/app/runtime/saving/autosave.py": "tests/app/runtime/test_autosave.py",
     "rona_core/devices/files/reader_process.py": "a recording is read",
+    "rona_core/devices/files/ros_bags.py": "a recording is read",
     "rona_core/session/files.py": "a session is saved",
     "rona_ui/api/bodies.py": "a file is uploaded",
+    "rona_ui/cli/calibrate.py": "tests/api/cli/test_cli_hand_eye.py",
     "rona_ui/cli/export.py": "maps are exported",
     "rona_ui/cli/figures.py": "tests/api/cli/test_cli_figures.py",
     "rona_ui/cli/report.py": "a report is written",
     "rona_ui/cli/serve.py": "the sessions folder is tried",
+    "rona_ui/cli/verify.py": "tests/api/cli/test_cli_verify.py",
     "rona_ui/resources.py": "the sessions folder is made",
 }
 ERRNOS = {
