@@ -1,12 +1,13 @@
 """Put the parts together: sessions with virtual devices, and the whole procedure in one call."""
 
 import time
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, Unpack
 
-from rona_core.app.declarations.declarations import Compute, compute_here
+from rona_core.app.declarations.declarations import Compute, Message, compute_here
 from rona_core.app.dependencies.staleness import required
 from rona_core.app.overview.predicted_accuracy import predicted_figures
 from rona_core.app.procedure import (
@@ -257,16 +258,41 @@ def run_demo(
     Raises:
         RonaError: the set-up itself is invalid. What fails later is reported in the figures.
     """
+    settings: list[Message] = []
+    if robot != "rx90":
+        settings.append(SetRobot(model=robot))
+    if probe != ProbeSettings().name:
+        settings.append(SetProbe(name=probe))
+    if world != REALISTIC_WORLD:
+        settings.append(SetWorld(**asdict(world)))
+    return run_patient(seed, settings, skull, among=among, progress=progress)
+
+
+def run_patient(
+    seed: int,
+    settings: Sequence[Message] = (),
+    skull: DemoSkull = SIMULATED,
+    *,
+    among: Stages = TO_MAPS,
+    progress: StepProgress = unwatched,
+) -> tuple[Session, dict[str, Any]]:
+    """Carry out the procedure as `run_demo`, with any commands of the set-up.
+
+    Args:
+        seed: Seed of the patient, the placement and every noise.
+        settings: Commands that are sent before anything is recorded.
+        skull: What is scanned.
+        among: The stages after set-up.
+        progress: Called with the step and the share of it that is done.
+
+    Raises:
+        RonaError: the set-up itself is invalid. What fails later is reported in the figures.
+    """
     started = time.monotonic()
     bench = new_workbench(Session(name=f"demo seed {seed}"))
     try:
-        bench.dispatch(SetSeed(seed))
-        if robot != "rx90":
-            bench.dispatch(SetRobot(model=robot))
-        if probe != ProbeSettings().name:
-            bench.dispatch(SetProbe(name=probe))
-        if world != REALISTIC_WORLD:
-            bench.dispatch(SetWorld(**asdict(world)))
+        for setting in (SetSeed(seed), *settings):
+            bench.dispatch(setting)
         _put_on_the_table(skull, bench, lambda share: progress("setup", share))
         bench.rig()
         progress("setup", 1.0)
@@ -274,7 +300,9 @@ def run_demo(
         figures = _figures(bench, ending)
     finally:
         bench.close()
-    head = {"seed": seed, "specimen": skull.name, "robot": robot, "world": world.profile}
+    setup = bench.session.setup
+    head = {"seed": seed, "specimen": skull.name, "robot": setup.devices.robot.model}
+    head["world"] = setup.world.profile
     return bench.session, {**head, **figures, "wall_s": time.monotonic() - started}
 
 
@@ -304,7 +332,8 @@ def _figures(bench: Workbench, ending: Ending) -> dict[str, Any]:
     except RonaError as error:
         figures = {}
         failed = ending.failed_step or "evaluation"
-        ending = Ending(False, failed, ending.reason or str(error), ending.left_out)
+        why = ending.reason or str(error)
+        ending = Ending(False, failed, why, ending.code or error.code, ending.left_out)
     figures["completed"] = ending.completed
     left = ending.left_out
     figures["second_pass_reason"] = left.get("tilts") or left.get("tilted")
@@ -313,4 +342,5 @@ def _figures(bench: Workbench, ending: Ending) -> dict[str, Any]:
     figures["milling_reason"] = left.get("milling") or left.get("rehearsal")
     if not ending.completed:
         figures |= {"failed_step": ending.failed_step, "reason": ending.reason}
+        figures["failure_code"] = ending.code
     return figures

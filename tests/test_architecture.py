@@ -218,6 +218,10 @@ PLANTED_IMPORTS = [
         "import rona_core.ultrasound.detection.spatial",
         "Rooms of detection",
     ),
+    ("rona_core/study/planted_engine.py", "", "Rooms of a study"),  # a new module must choose
+    ("rona_core/study/engines.py", "import rona_core.study.folder", "Rooms of a study"),
+    ("rona_core/compose.py", "import rona_core.study", "Layers of rona_core"),
+    ("rona_core/study/report.py", "import distributed", "Dask is an extra"),
     ("rona_ui/panels/planted.py", "import rona_core.path", "only through rona_core.app"),
     ("rona_ui/api/planted.py", "import rona_core.robot", "only through rona_core.app"),
     ("rona_ui/panels/planted.py", "import rona_core.virtual", "only through compose"),

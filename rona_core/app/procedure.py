@@ -190,6 +190,7 @@ class Ending:
     completed: bool
     failed_step: str | None = None  # name of the stage
     reason: str | None = None
+    code: str | None = None  # of the error, else the state of what is not usable
     left_out: Mapping[str, str] = field(default_factory=dict)  # offered stages that failed, and why
 
 
@@ -213,19 +214,20 @@ def run_procedure(
     left: dict[str, str] = {}
     while (stage := next_stage(bench.session, left, among)) is not None:
         if stage.falls_short(bench.session):
-            return Ending(False, stage.name, _words(stage.judgement(bench.session)), left)
+            found = stage.judgement(bench.session)
+            return Ending(False, stage.name, _words(found), found.state, left)
         progress(stage.name, 0.0)
-        reason = _carry_out(stage, bench, progress)
-        if reason is not None and not stage.offered:
-            return Ending(False, stage.name, reason, left)
+        failure = _carry_out(stage, bench, progress)
+        if failure is not None and not stage.offered:
+            return Ending(False, stage.name, *failure, left)
         progress(stage.name, 1.0)
-        if reason is not None:
-            left[stage.name] = reason
+        if failure is not None:
+            left[stage.name] = failure[0]
     return Ending(True, left_out=left)
 
 
-def _carry_out(stage: Stage, bench: Workbench, progress: StepProgress) -> str | None:
-    """Bring a stage forward; return why what it makes is not usable then, or None.
+def _carry_out(stage: Stage, bench: Workbench, progress: StepProgress) -> tuple[str, str] | None:
+    """Bring a stage forward; return why what it makes is not usable then and its code, or None.
 
     What is recorded in several parts is recorded part by part, each of which changes the judgement.
     """
@@ -237,14 +239,14 @@ def _carry_out(stage: Stage, bench: Workbench, progress: StepProgress) -> str | 
         except CancelledError:
             raise
         except RonaError as error:
-            return str(error)
+            return str(error), error.code
         found = stage.judgement(bench.session)
     if found.holds:
         return None
     plan = bench.session.results.roll
     if stage.name == "roll" and plan is not None and (why := why_no_plan(plan.value)) is not None:
-        return f"{why}. {_base_move(bench)}"
-    return _words(found)
+        return f"{why}. {_base_move(bench)}", found.state
+    return _words(found), found.state
 
 
 def _words(found: Judgement) -> str:

@@ -1,0 +1,199 @@
+"""Where the patients of a study are run: processes of this machine, or the workers of Dask.
+
+Both run one function on many patients and yield each with its outcome, as it comes. A worker that
+dies costs its patient alone, which is tried once more. Dask is an extra and imported here alone
+(``docs/decisions/0018-dask-for-studies.md``).
+"""
+
+import threading
+from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from contextlib import contextmanager
+from importlib.util import find_spec
+from itertools import islice
+from typing import Any, Protocol, TypeVar
+
+from rona_core.app.runtime.process_pool import ProcessCompute
+from rona_core.errors import DeviceError, InvalidInputError, RonaError
+from rona_core.study.plan import Patient
+
+T = TypeVar("T")
+TRIES = 2  # of a patient whose worker dies
+CONNECT_S = 10.0
+INSTALL = "pip install 'rona[study]'"
+
+
+class WorkerDiedError(RonaError):
+    """The worker of a patient died, and so did the next one that was given it."""
+
+    code = "worker_died"
+
+
+class Engine(Protocol):
+    """Runs functions on patients."""
+
+    words: str  # where they are run
+
+    def workers(self) -> int:
+        """Return how many patients are run at a time."""
+        ...
+
+    def each(
+        self, function: Callable[..., T], patients: Iterable[Patient]
+    ) -> Iterator[tuple[Patient, T | WorkerDiedError]]:
+        """Run a function on patients and yield each with its outcome, in the order of their ends.
+
+        Raises:
+            RonaError: what the function raises; the others are given up.
+        """
+        ...
+
+
+@contextmanager
+def opened(scheduler: str | None, workers: int) -> Generator[Engine]:
+    """Yield what patients are run on, and end it.
+
+    Args:
+        scheduler: Address of a scheduler of Dask, whose workers are the user's own. None: workers
+            of this machine, by Dask where it is installed.
+        workers: How many of them; idle where there is a scheduler.
+
+    Raises:
+        InvalidInputError: a scheduler, and Dask is not installed.
+        DeviceError: there is no such scheduler, or it has no worker.
+    """
+    if find_spec("distributed") is not None:
+        with _dask(scheduler, workers) as engine:
+            yield engine
+    elif scheduler is not None:
+        raise InvalidInputError(f"--scheduler needs Dask, which is an extra: {INSTALL}")
+    else:
+        with processes(workers) as engine:
+            yield engine
+
+
+# ------------------------------------------------------------------ processes of this machine
+
+
+@contextmanager
+def processes(workers: int) -> Generator[Engine]:
+    """Yield an engine of processes that end with this one, however that ends."""
+    pool = ProcessCompute(workers)
+    try:
+        yield _Processes(pool, workers)
+    finally:
+        pool.close()
+
+
+class _Processes:
+    def __init__(self, pool: ProcessCompute, workers: int) -> None:
+        self.words = f"{workers} processes of this machine"
+        self._pool, self._workers = pool, workers
+
+    def workers(self) -> int:
+        return self._workers
+
+    def each(
+        self, function: Callable[..., T], patients: Iterable[Patient]
+    ) -> Iterator[tuple[Patient, T | WorkerDiedError]]:
+        stopped, todo = threading.Event(), iter(patients)
+        with ThreadPoolExecutor(self._workers) as threads:  # each waits for one process
+
+            def begin(patient: Patient) -> Future[T | WorkerDiedError]:
+                return threads.submit(self._run, function, patient, stopped)
+
+            running = {begin(patient): patient for patient in islice(todo, self._workers)}
+            try:
+                while running:
+                    for future in wait(running, return_when=FIRST_COMPLETED).done:
+                        patient, outcome = running.pop(future), future.result()
+                        running |= {begin(following): following for following in islice(todo, 1)}
+                        yield patient, outcome
+            finally:
+                stopped.set()
+
+    def _run(
+        self, function: Callable[..., T], patient: Patient, stopped: threading.Event
+    ) -> T | WorkerDiedError:
+        for tries_left in reversed(range(TRIES)):
+            try:
+                return self._pool(function, patient, progress=_unseen, cancel=stopped.is_set)
+            except RonaError as error:
+                if type(error) is not RonaError:  # of the function, or stopped
+                    raise
+                if tries_left == 0:
+                    return WorkerDiedError(str(error))
+        raise AssertionError
+
+
+def _unseen(share: float) -> None:
+    """Show no progress."""
+
+
+# ------------------------------------------------------------------ Dask
+
+
+@contextmanager
+def _dask(scheduler: str | None, workers: int) -> Generator[Engine]:
+    import dask
+    from distributed import Client, LocalCluster
+
+    if scheduler is not None:
+        try:
+            client = Client(scheduler, timeout=CONNECT_S)
+            client.wait_for_workers(1, timeout=CONNECT_S)
+        except (OSError, ValueError, TimeoutError) as error:
+            words = f"no scheduler of Dask with a worker answers at {scheduler}"
+            raise DeviceError(f"{words}: start them first ({error})") from error
+        with client:
+            threads = client.nthreads()
+            if set(threads.values()) != {1}:
+                raise InvalidInputError("one thread a worker: dask worker --nthreads 1 ...")
+            yield _Dask(client, f"{len(threads)} workers of {scheduler}")
+        return
+    settings = {  # one patient a worker, and once more where it dies
+        "distributed.scheduler.allowed-failures": TRIES - 1,
+        "distributed.scheduler.worker-saturation": 1.0,
+        "distributed.logging.distributed": "critical",
+    }
+    with (
+        dask.config.set(settings),
+        LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=":0") as cluster,
+        Client(cluster) as client,
+    ):
+        yield _Dask(client, f"{workers} workers of Dask on this machine")
+
+
+class _Dask:
+    def __init__(self, client: Any, words: str) -> None:
+        shown = find_spec("bokeh") is not None
+        self.words = f"{words}, dashboard {client.dashboard_link}" if shown else words
+        self._client = client
+
+    def workers(self) -> int:
+        return max(len(self._client.nthreads()), 1)
+
+    def each(
+        self, function: Callable[..., T], patients: Iterable[Patient]
+    ) -> Iterator[tuple[Patient, T | WorkerDiedError]]:
+        from distributed import KilledWorker, as_completed
+
+        name = function.__name__
+        futures = {
+            self._client.submit(function, patient, key=f"{name}-{patient.key}"): patient
+            for patient in patients
+        }
+        try:
+            for future in as_completed(list(futures), raise_errors=False):
+                patient = futures.pop(future)
+                error = future.exception() if future.status == "error" else None
+                if isinstance(error, KilledWorker):
+                    yield patient, WorkerDiedError(str(error))
+                elif error is not None:
+                    raise error
+                elif future.status != "finished":
+                    raise DeviceError("the scheduler has gone: run the same command again")
+                else:
+                    yield patient, future.result()
+        finally:
+            self._client.cancel(list(futures), force=True)
