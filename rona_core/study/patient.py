@@ -15,7 +15,7 @@ Row = dict[str, Any]
 DEFECT = "defect"  # code of an error that is none of ours
 
 
-def run_row(patient: Patient, **_: Unpack[Work]) -> Row:
+def run_row(patient: Patient, **_work: Unpack[Work]) -> Row:
     """Run a patient and return its row: key, seed, version, levels, figures and CPU time.
 
     A patient that fails has a row too, with ``failed_step``, ``failure_code`` and ``reason``. The
@@ -48,7 +48,7 @@ def run_row(patient: Patient, **_: Unpack[Work]) -> Row:
     return row_of(patient, figures) | {"cpu_s": time.process_time() - begun_s}
 
 
-def run_session(patient: Patient, **_: Unpack[Work]) -> bytes:
+def run_session(patient: Patient, **_work: Unpack[Work]) -> bytes:
     """Run a patient again and return its session as the bytes of a file.
 
     Raises:

@@ -138,6 +138,11 @@ class Plan:
     text: str  # of the file
 
     @property
+    def stages(self) -> Stages:
+        """The stages after set-up."""
+        return stages(self.until, skip=self.skip)
+
+    @property
     def varied(self) -> tuple[str, ...]:
         """Names of the factors that have more than one level."""
         return tuple(
@@ -309,8 +314,10 @@ def _of_setup(message: str) -> bool:
 
 
 def _skull(fields: Mapping[str, Level]) -> DemoSkull:
-    center = fields.get("center")
-    return DemoSkull(**{**fields, "center": None if center is None else tuple(center)})
+    given: dict[str, Any] = {
+        name: tuple(level) if isinstance(level, list) else level for name, level in fields.items()
+    }
+    return DemoSkull(**given)
 
 
 def _rule(words: Any) -> KeepRule:

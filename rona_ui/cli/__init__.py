@@ -1,4 +1,4 @@
-"""The command line: serve, demo, inspect, report, figures, export, compare and others."""
+"""The command line: serve, demo, study, inspect, report, figures, export, compare and others."""
 
 import argparse
 import gc
@@ -70,6 +70,7 @@ def _parser() -> argparse.ArgumentParser:
     verbs = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     _add_serve(verbs)
     _add_demo(verbs)
+    _add_study(verbs)
     _add_inspect(verbs)
     _add_report(verbs)
     _add_figures(verbs)
@@ -169,6 +170,26 @@ def _add_demo(verbs: Any) -> None:
     verb.add_argument("--skip", action="append", default=[], metavar="STAGE", help=text)
     verb.add_argument("--out", type=Path, metavar="FILE", help="save the session here")
     verb.add_argument("--json", action="store_true", help="print one JSON object, no table")
+
+
+def _add_study(verbs: Any) -> None:
+    text = "run the procedure on many virtual patients by a plan, and report on them"
+    more = (
+        "rona study PLAN.toml --out FOLDER runs what has no row yet, so the same command goes on "
+        "after an interruption; rona study status FOLDER and rona study report FOLDER read what is "
+        "there. Exit status: 0 done, 2 bad input; failed patients are rows."
+    )
+    verb = _verb(verbs, "study", text, more)
+    text = "plan to run (.toml), or: status, report"
+    verb.add_argument("what", metavar="PLAN.toml|status|report", help=text)
+    text = "folder of the study, for status and report"
+    verb.add_argument("folder", type=Path, nargs="?", metavar="FOLDER", help=text)
+    text = "folder that the study is written to, or goes on in"
+    verb.add_argument("--out", type=Path, metavar="FOLDER", help=text)
+    text = "run on the workers of this scheduler of Dask, e.g. tcp://host:8786 (this machine)"
+    verb.add_argument("--scheduler", metavar="ADDRESS", help=text)
+    text = "how many workers on this machine (as it has cores)"
+    verb.add_argument("--workers", type=int, metavar="N", help=text)
 
 
 def _add_inspect(verbs: Any) -> None:
