@@ -135,8 +135,8 @@ def _unseen(share: float) -> None:
 
 @contextmanager
 def _dask(scheduler: str | None, workers: int) -> Generator[Engine]:
-    import dask
-    from distributed import Client, LocalCluster
+    import dask  # pyright: ignore[reportMissingImports]
+    from distributed import Client, LocalCluster  # pyright: ignore[reportMissingImports]
 
     if scheduler is not None:
         try:
@@ -176,7 +176,7 @@ class _Dask:
     def each(
         self, function: Callable[..., T], patients: Iterable[Patient]
     ) -> Iterator[tuple[Patient, T | WorkerDiedError]]:
-        from distributed import KilledWorker, as_completed
+        from distributed import KilledWorker, as_completed  # pyright: ignore[reportMissingImports]
 
         name = function.__name__
         futures = {

@@ -145,8 +145,8 @@ def _csv(columns: Mapping[str, Any], rows: Sequence[Row]) -> bytes:
 
 def _parquet(columns: Mapping[str, tuple[str, str]], rows: Sequence[Row]) -> bytes:
     """Return the table as Parquet, unit and meaning in the metadata of each field."""
-    import pyarrow
-    from pyarrow import parquet
+    import pyarrow  # pyright: ignore[reportMissingImports]
+    from pyarrow import parquet  # pyright: ignore[reportMissingImports]
 
     arrays: list[Any] = []
     for name in columns:

@@ -339,14 +339,17 @@ def _look_at_levels(plan: Plan) -> None:
         for name, of in plan.factors.items()
     }
     first = {name: levels[0] for name, levels in ends.items()}
-    for name, levels in ends.items() or {"": (None,)}.items():
-        for level in levels:
-            chosen = {**first, name: level} if name else {}
-            patient = Patient(0, chosen, plan.until, plan.skip, {})
-            try:
-                _require(all(map(Path.is_file, map(Path, _files(chosen)))), "no such file")
-                _ = patient.settings, patient.stages, patient.skull
-            except RonaError as error:
-                raise InvalidInputError(
-                    f"{name} = {level!r}: {error}" if name else str(error)
-                ) from error
+    _look_at(plan, first, "")
+    for name, levels in ends.items():
+        for level in levels[1:]:
+            _look_at(plan, {**first, name: level}, f"{name} = {level!r}: ")
+
+
+def _look_at(plan: Plan, levels: Mapping[str, Level], where: str) -> None:
+    patient = Patient(plan.seeds.start, levels, plan.until, plan.skip, {})
+    for path in _files(levels):
+        _require(Path(path).is_file(), f"{where}there is no file {path}")
+    try:
+        _ = patient.settings, patient.stages, patient.skull
+    except RonaError as error:
+        raise InvalidInputError(f"{where}{error}") from error

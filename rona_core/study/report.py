@@ -278,10 +278,10 @@ def _curve(one: Calibration) -> Html:
     parts = [
         f'<text class="title" x="{CURVE_LEFT:g}" y="13">{markup(one.figure.title)}</text>',
         *(
-            f'<path class="tick" d="M{CURVE_LEFT:g} {bottom - CURVE_HEIGHT * share:.1f}h{width:g}"/>'
-            f'<text x="{CURVE_LEFT - 5.0:g}" y="{bottom - CURVE_HEIGHT * share + 4.0:.1f}" '
-            f'text-anchor="end">{100.0 * share:.0f}</text>'
-            for share in (0.0, 0.5, 0.95)
+            f'<path class="tick" d="M{CURVE_LEFT:g} {y:.1f}h{width:g}"/>'
+            f'<text x="{CURVE_LEFT - 5.0:g}" y="{y + 4.0:.1f}" text-anchor="end">{percent}</text>'
+            for percent in (0, 50, 95)
+            for y in [bottom - CURVE_HEIGHT * percent / 100.0]
         ),
         *(
             f'<text x="{CURVE_LEFT + width * k / MOST_SIGMAS:.1f}" y="{bottom + 15.0:g}" '

@@ -142,7 +142,7 @@ def effects(plan: Plan, rows: Sequence[Row]) -> tuple[list[Effect], int]:
 
 
 def _effect(plan: Plan, rows: Sequence[Row], factor: str, figure: Figure) -> Effect | None:
-    pairs = [
+    pairs: list[tuple[Any, float]] = [
         (row.get(factor), value)
         for row in rows
         if (value := number(row.get(figure.key))) is not None
@@ -156,7 +156,7 @@ def _effect(plan: Plan, rows: Sequence[Row], factor: str, figure: Figure) -> Eff
         levels = np.array([float(level) for level, _ in pairs])
         if np.ptp(levels) == 0.0:
             return None
-        found = stats.spearmanr(levels, sample)
+        found: Any = stats.spearmanr(levels, sample)
         middle = float(np.median(levels))
         groups = {f"up to {middle:.3g}": sample[levels <= middle]}
         groups[f"above {middle:.3g}"] = sample[levels > middle]
