@@ -115,15 +115,15 @@ class _Processes:
     def _run(
         self, function: Callable[..., T], patient: Patient, stopped: threading.Event
     ) -> T | WorkerDiedError:
-        for tries_left in reversed(range(TRIES)):
+        reason = ""
+        for _ in range(TRIES):
             try:
                 return self._pool(function, patient, progress=_unseen, cancel=stopped.is_set)
             except RonaError as error:
                 if type(error) is not RonaError:  # of the function, or stopped
                     raise
-                if tries_left == 0:
-                    return WorkerDiedError(str(error))
-        raise AssertionError
+                reason = str(error)
+        return WorkerDiedError(reason)
 
 
 def _unseen(share: float) -> None:
@@ -151,13 +151,8 @@ def _dask(scheduler: str | None, workers: int) -> Generator[Engine]:
                 raise InvalidInputError("one thread a worker: dask worker --nthreads 1 ...")
             yield _Dask(client, f"{len(threads)} workers of {scheduler}")
         return
-    settings = {  # one patient a worker, and once more where it dies
-        "distributed.scheduler.allowed-failures": TRIES - 1,
-        "distributed.scheduler.worker-saturation": 1.0,
-        "distributed.logging.distributed": "critical",
-    }
     with (
-        dask.config.set(settings),
+        dask.config.set({"distributed.scheduler.allowed-failures": TRIES - 1}),
         LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=":0") as cluster,
         Client(cluster) as client,
     ):
@@ -178,22 +173,36 @@ class _Dask:
     ) -> Iterator[tuple[Patient, T | WorkerDiedError]]:
         from distributed import KilledWorker, as_completed  # pyright: ignore[reportMissingImports]
 
-        name = function.__name__
-        futures = {
-            self._client.submit(function, patient, key=f"{name}-{patient.key}"): patient
-            for patient in patients
-        }
+        todo, running = iter(patients), dict[Any, Patient]()
+        ended = as_completed(raise_errors=False)
+
+        def fill() -> None:
+            """Give each worker one patient, no more: what waits for one that dies is blamed too."""
+            for patient in islice(todo, max(self.workers() - len(running), 0)):
+                key = f"{function.__name__}-{patient.key}"
+                future = self._client.submit(function, patient, key=key)
+                running[future] = patient
+                ended.add(future)
+
         try:
-            for future in as_completed(list(futures), raise_errors=False):
-                patient = futures.pop(future)
-                error = future.exception() if future.status == "error" else None
-                if isinstance(error, KilledWorker):
-                    yield patient, WorkerDiedError(str(error))
-                elif error is not None:
-                    raise error
-                elif future.status != "finished":
-                    raise DeviceError("the scheduler has gone: run the same command again")
-                else:
-                    yield patient, future.result()
+            fill()
+            for future in ended:
+                patient, outcome = running.pop(future), _outcome(future, KilledWorker)
+                fill()
+                yield patient, outcome
         finally:
-            self._client.cancel(list(futures), force=True)
+            self._client.cancel(list(running), force=True)
+
+
+def _outcome(future: Any, killed: type[Exception]) -> Any:
+    """Return the result of a future that has ended; raise what its function raised.
+
+    Raises:
+        DeviceError: it was lost with its scheduler.
+    """
+    if future.status == "finished":
+        return future.result()
+    error = future.exception() if future.status == "error" else None
+    if isinstance(error, killed):
+        return WorkerDiedError(str(error))
+    raise error or DeviceError("the scheduler has gone: run the same command again")

@@ -83,7 +83,8 @@ def run_study(plan: Plan, out: Path, engine: Engine, watch: Watch) -> Path:
             _run_patients(plan, folder, engine, rows, watch)
             _keep_sessions(plan, folder, engine, list(rows.values()))
         finally:
-            table = folder.write_table(plan, list(rows.values()))
+            in_order = [rows[one.key] for one in plan.patients() if one.key in rows]
+            table = folder.write_table(plan, in_order)
     return table
 
 

@@ -108,7 +108,7 @@ def test_a_worker_that_dies_costs_its_patient_alone_and_is_tried_again_once(tmp_
 
 
 def test_no_scheduler_is_named():
-    with pytest.raises(DeviceError, match=r"no scheduler of Dask .* 127\.0\.0\.1:9"):
+    with pytest.raises(DeviceError, match=r"no scheduler of Dask .* tcp://127\.0\.0\.1:9:"):
         with opened("tcp://127.0.0.1:9", 1):
             pass
 
