@@ -176,7 +176,7 @@ def _effect(plan: Plan, rows: Sequence[Row], factor: str, figure: Figure) -> Eff
 
 
 def calibrations(rows: Sequence[Row]) -> list[Calibration]:
-    """Return every predicted sigma beside what it is the prediction of."""
+    """Return every predicted sigma beside its truth."""
     predicted = [figure for figure in FIGURES.values() if "sigma" in figure.truth_of]
     found = [_calibration(rows, figure) for figure in predicted]
     return [one for one in found if one is not None]
