@@ -45,7 +45,7 @@ def _folder(wanted: Any) -> StudyFolder:
 
 def _run(wanted: Any) -> int:
     plan = read_plan(Path(wanted.what))
-    workers = wanted.workers or len(os.sched_getaffinity(0))
+    workers = wanted.workers or os.cpu_count() or 1
     console = Console(stderr=True)
     try:
         with opened(wanted.scheduler, workers) as engine:
