@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from contextlib import closing
+from pathlib import Path
 
 import pytest
 
@@ -216,6 +217,16 @@ def test_the_terminal_says_how_far_a_study_is(done, capsys, tmp_path):
 
 def patient(seed, **files):
     return Patient(seed, {}, "tool", (), {name: str(path) for name, path in files.items()})
+
+
+def test_a_full_disk_is_named_with_the_folder(tmp_path, capsys, monkeypatch):
+    def full(path, *_args, **_options):
+        raise OSError(28, "No space left on device", str(path))
+
+    plan = small(tmp_path)
+    monkeypatch.setattr(Path, "mkdir", full)
+    assert main(["study", str(plan), "--out", str(tmp_path / "new")]) == 2
+    assert "the disk is full" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -36,6 +36,7 @@ PLACES = {
     "rona_core/devices/files/reader_process.py": "a recording is read",
     "rona_core/devices/files/ros_bags.py": "a recording is read",
     "rona_core/session/files.py": "a session is saved",
+    "rona_core/study/folder.py": "tests/study/test_study_run.py",
     "rona_ui/api/bodies.py": "a file is uploaded",
     "rona_ui/cli/calibrate.py": "tests/api/cli/test_cli_hand_eye.py",
     "rona_ui/cli/export.py": "maps are exported",
