@@ -24,7 +24,8 @@ from tests.helpers.ui.clicks import PRIMARY, new_session
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 START = {**PRIMARY, "Implant bed": "Search the bed"}
 IS_COLOURED = """(button) => {
-  const [red, green, blue] = getComputedStyle(button).backgroundColor.match(/[0-9]+/g).map(Number);
+  const parts = getComputedStyle(button).backgroundColor.match(/[0-9]+/g) || [0, 0, 0];
+  const [red, green, blue] = parts.map(Number);
   return Math.max(red, green, blue) - Math.min(red, green, blue) > 40;
 }"""
 MOST = 40  # clicks: a page that leads in a circle ends here
@@ -61,9 +62,9 @@ def click_what_leads_on(surgeon: Surgeon) -> str:
         first = () if made or step not in START else (START[step],)
         for words in ("Continue: ", *first, "Next: "):
             button = surgeon.button(words)
-            if button.is_visible() and button.is_enabled() and button.evaluate(IS_COLOURED):
-                said = button.inner_text()
-                with suppress(PlaywrightError):  # it went as the figures of its step came
+            with suppress(PlaywrightError):  # it went as the figures of its step came
+                if button.is_visible() and button.is_enabled() and button.evaluate(IS_COLOURED):
+                    said = button.inner_text(timeout=3000)
                     button.click(timeout=3000)
                     return said
         return None
