@@ -120,6 +120,8 @@ HINTS = {
     "Plan pass along them": "Plans a further pass of the robot along these lines",
     "Plan milling": "Searches a roll about the burr with which the robot can mill the bed",
     "Rehearse milling": "Mills the virtual bone: force, scan of the floor, depth corrected",
+    "Download captures": "Saves recordings or transforms in the chosen format",
+    "Download motion": "Saves the certified motion in the chosen format",
     "Download bed": "Saves bed or milling path in the chosen format",
     # comparison of probes, replay
     "Probes": "Probes to be compared",
