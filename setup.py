@@ -9,7 +9,11 @@ setup(
     packages=[*find_packages(include=["rona_core*", "rona_ui*"]), *FOLDERS],
     package_dir=FOLDERS,
     package_data={
-        "rona_core": ["py.typed", "virtual/specimen/simulated/head_template.*"],
+        "rona_core": [
+            "py.typed",
+            "virtual/specimen/simulated/head_template.*",
+            "app/overview/studied_beds/*.json",
+        ],
         "rona_ui._static": ["**/*"],
         "rona_ui._sessions": ["demo.rona", "README.md"],
     },

@@ -4,6 +4,7 @@ The same rows give the same bytes: no clock is asked, and what is drawn again ha
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -35,6 +36,7 @@ from rona_core.study.statistics import (
     quantile,
     shares,
     values,
+    worst,
 )
 from rona_core.study.study import failures_of
 
@@ -99,15 +101,16 @@ def _levels(of: Range | Sequence[object]) -> str:
 
 def _share_tile(share: Share) -> Html:
     found = share.estimate
-    words = f"{share.count} of {share.of}; {_bounds(found, _percent)}"
-    return tile(share.title, _percent(found.value), words)
+    words = f"{share.count} of {share.of}; {bounds(found, percent)}"
+    return tile(share.title, percent(found.value), words)
 
 
-def _percent(value: float) -> str:
+def percent(value: float) -> str:
+    """Return a share in percent."""
     return f"{100.0 * value:.1f} %"
 
 
-def _bounds(found: Estimate, words: Callable[[float], str]) -> str:
+def bounds(found: Estimate, words: Callable[[float], str]) -> str:
     """Return an interval in brackets; a dash for a bound that the patients are too few for."""
     said = ["–" if bound is None else words(bound) for bound in (found.low, found.high)]
     return f"({said[0]} to {said[1]})"
@@ -119,8 +122,8 @@ def _section(title: str, words: str, *content: object) -> Html:
 
 def _shares_section(found: Sequence[Share]) -> Html:
     rows = [
-        (one.title, f"{one.count} of {one.of}", _percent(one.estimate.value))
-        + (_bounds(one.estimate, _percent),)
+        (one.title, f"{one.count} of {one.of}", percent(one.estimate.value))
+        + (bounds(one.estimate, percent),)
         for one in found
     ]
     words = f"Of all patients, failed ones too. {EVERY[:-1]} (Clopper and Pearson)."
@@ -147,34 +150,56 @@ def _figures_section(rows: Sequence[Row]) -> Html:
         "Of the patients that have the figure. The bar of the drawing is from 25 to 75 %, the line "
         f"from 5 to 95 %, the notch the median, the red line the limit. {EVERY}"
     )
-    head = ("Figure", "n", "5 %", "Median", "95 %", "", "Limit", "Beyond it")
+    head = ("Figure", "n", "5 %", "Median", "95 %", "Worst", "", "Limit", "Beyond it")
+    kinds = ("", *["n own"] * 5, "", "n own", "n own")
     parts: list[Html] = []
-    for title, figures in SECTIONS.items():
-        lines = [line for figure in figures if (line := _figure_line(rows, figure)) is not None]
-        if lines:
-            kinds = ("", "n own", "n own", "n own", "n own", "", "n own", "n own")
-            parts += [tag("h3", title), table(head, lines, kinds)]
+    for title, lines in figure_lines(rows).items():
+        parts += [tag("h3", title), table(head, map(_figure_row, lines), kinds)]
     return _section("Figures", words, *parts)
 
 
-def _figure_line(rows: Sequence[Row], figure: Figure) -> tuple[object, ...] | None:
-    sample = values(rows, figure.key)
-    if not sample.size:
-        return None
-    low, middle, high = (quantile(sample, p) for p in (0.05, 0.5, 0.95))
-    beyond = beyond_limit(rows, figure)
-    limit = "" if figure.limit is None else figure.words(figure.limit)
+@dataclass(frozen=True, slots=True)
+class FigureLine:
+    """One figure of all patients that have it: quantiles, worst value, limit, share beyond it."""
+
+    figure: Figure
+    sample: Floats  # (n,)
+    quantiles: tuple[Estimate, Estimate, Estimate]  # 5 %, median, 95 %
+    worst: str
+    limit: str
+    beyond: Share | None
+
+
+def figure_lines(rows: Sequence[Row]) -> dict[str, list[FigureLine]]:
+    """Return the figures that patients have, by section of the list of figures."""
+    found: dict[str, list[FigureLine]] = {}
+    for title, figures in SECTIONS.items():
+        for figure in figures:
+            if (sample := values(rows, figure.key)).size:
+                limit = "" if figure.limit is None else figure.words(figure.limit)
+                sign = "≤" if figure.sense == "at most" else "≥"
+                line = FigureLine(
+                    figure,
+                    sample,
+                    (quantile(sample, 0.05), quantile(sample, 0.5), quantile(sample, 0.95)),
+                    figure.words(worst(sample, figure)),
+                    limit and f"{sign} {limit}",
+                    beyond_limit(rows, figure),
+                )
+                found.setdefault(title, []).append(line)
+    return found
+
+
+def _figure_row(line: FigureLine) -> tuple[object, ...]:
+    beyond = line.beyond and line.beyond.estimate
     return (
-        figure.title,
-        len(sample),
-        _stacked(low, figure),
-        _stacked(middle, figure),
-        _stacked(high, figure),
-        _strip(sample, figure),
-        limit if not limit else f"{'≤' if figure.sense == 'at most' else '≥'} {limit}",
-        ""
-        if beyond is None
-        else _lines(_percent(beyond.estimate.value), _bounds(beyond.estimate, _percent)),
+        line.figure.title,
+        len(line.sample),
+        *(_stacked(one, line.figure) for one in line.quantiles),
+        line.worst,
+        _strip(line.sample, line.figure),
+        line.limit,
+        "" if beyond is None else _lines(percent(beyond.value), bounds(beyond, percent)),
     )
 
 
@@ -182,7 +207,7 @@ def _stacked(found: Estimate, figure: Figure) -> Html:
     def plain(value: float) -> str:
         return figure.words(value).removesuffix(figure.unit).rstrip()
 
-    return _lines(figure.words(found.value), _bounds(found, plain))
+    return _lines(figure.words(found.value), bounds(found, plain))
 
 
 def _lines(first: str, second: str) -> Html:
@@ -221,7 +246,7 @@ def _effects_section(plan: Plan, rows: Sequence[Row]) -> Html:
         (
             one.factor,
             one.figure.title,
-            _percent(one.share),
+            percent(one.share),
             "; ".join(f"{name}: {one.figure.words(median)}" for name, median in one.medians),
         )
         for one in found[:MOST_EFFECTS]
@@ -247,7 +272,7 @@ def _calibration_section(rows: Sequence[Row]) -> Html:
         (
             one.figure.title,
             len(one.ratios),
-            f"{one.square.value:.2f} {_bounds(one.square, '{:.2f}'.format)}",
+            f"{one.square.value:.2f} {bounds(one.square, '{:.2f}'.format)}",
             *(f"{sigma:.3g} : {truth:.3g}" for sigma, truth in one.bands),
         )
         for one in found

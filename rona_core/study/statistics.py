@@ -91,6 +91,11 @@ def quantile(sample: Floats, p: float) -> Estimate:
     return Estimate(float(np.quantile(sample, p)), low, high)
 
 
+def worst(sample: Floats, figure: Figure) -> float:
+    """Return the worst value of a figure in a sample (n,), n >= 1."""
+    return float(sample[np.abs(sample).argmax()] if figure.sense == "at most" else sample.min())
+
+
 def beyond_limit(rows: Sequence[Row], figure: Figure) -> Share | None:
     """Return how many patients miss the limit of a figure; None without limit or value."""
     known = values(rows, figure.key)
@@ -113,10 +118,15 @@ def shares(plan: Plan, rows: Sequence[Row]) -> list[Share]:
             (f"Both maps cover at least {GOOD_COVERAGE:.0%} of the region", whole),
         ]
     if "implant" in going:
-        asked += [("No bed", [number(row.get("bed_probability")) is None for row in rows])]
+        asked += [("No safe bed", [not has_bed(row) for row in rows])]
     broken = [any(_is_beyond(row, figure) for figure in FIGURES.values()) for row in rows]
     asked += [("A limit of any figure broken", broken)]
     return [Share(title, sum(held), len(held)) for title, held in asked if held]
+
+
+def has_bed(row: Row) -> bool:
+    """Return whether a safe bed was found."""
+    return row.get("bed_reason") is None and number(row.get("bed_probability")) is not None
 
 
 def _is_beyond(row: Row, figure: Figure) -> bool:

@@ -13,13 +13,15 @@ from rich.progress import Progress as Bars
 
 from rona_core.errors import InvalidInputError
 from rona_core.session.files import write_whole
+from rona_core.study.beds import beds_file
 from rona_core.study.engines import opened
 from rona_core.study.folder import StudyFolder
+from rona_core.study.markdown import study_markdown
 from rona_core.study.plan import read_plan
 from rona_core.study.report import study_report
 from rona_core.study.study import Progress, failures_of, run_study
 
-REPORT = "report.html"
+REPORT, MARKDOWN, BEDS = "report.html", "report.md", "beds.json"
 MINUTE_S, HOUR_S = 60.0, 3600.0
 LEAST_IN_MINUTES_S, LEAST_IN_HOURS_S = 90.0, 5400.0
 
@@ -110,7 +112,14 @@ def _status(folder: StudyFolder) -> int:
 
 
 def _report(folder: StudyFolder) -> int:
-    page = study_report(folder).encode("utf-8")
-    out = write_whole(folder.path / REPORT, page)
-    sys.stdout.write(f"{out}  {len(page) / 1024:.0f} kB\n")
+    """Write the report as a page and as Markdown, and the beds for the risk of one."""
+    files = {
+        REPORT: study_report(folder).encode("utf-8"),
+        MARKDOWN: study_markdown(folder).encode("utf-8"),
+        BEDS: beds_file(folder),
+    }
+    for name, data in files.items():
+        if data is not None:
+            out = write_whole(folder.path / name, data)
+            sys.stdout.write(f"{out}  {len(data) / 1024:.0f} kB\n")
     return 0

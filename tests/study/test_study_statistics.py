@@ -1,13 +1,18 @@
 """What a study says of its rows, held against samples whose answer is known."""
 
 import re
+import tomllib
 
 import numpy as np
 import pytest
 from scipy import stats
 
 from rona_core.app.declarations.figures import FIGURES
+from rona_core.app.overview.bed_risk import read_beds
+from rona_core.session.files import session_bytes
+from rona_core.study.beds import beds_file
 from rona_core.study.folder import StudyFolder
+from rona_core.study.markdown import study_markdown
 from rona_core.study.plan import plan_of
 from rona_core.study.report import study_report
 from rona_core.study.statistics import (
@@ -61,8 +66,10 @@ def test_shares_are_of_all_patients_and_of_stages_that_were_asked_for():
         "Both maps cover at least 95% of the region": (1, 4),
         "A limit of any figure broken": (1, 4),
     }
-    with_bed = shares(plan(until="implant"), [ROWS[0] | {"bed_probability": 0.999}, *ROWS[1:]])
-    assert next(one for one in with_bed if one.title == "No bed").count == 3
+    accepted = ROWS[0] | {"bed_probability": 0.999}
+    refused = ROWS[1] | {"bed_probability": 0.98, "bed_reason": "not surely"}
+    of_beds = shares(plan(until="implant"), [accepted, refused, *ROWS[2:]])
+    assert next(one for one in of_beds if one.title == "No safe bed").count == 3
     inner = FIGURES["inner_coverage_fraction"]
     assert (beyond_limit(ROWS, inner).count, beyond_limit(ROWS, inner).of) == (1, 3)
 
@@ -180,3 +187,75 @@ def test_the_report_of_a_study_without_a_row_says_so(folder, tmp_path):
     page = study_report(folder)
     assert "0 of 60" in page
     assert "Not finished: 60 patients" in page
+
+
+def test_the_page_in_markdown_has_the_shares_figures_and_the_plan(folder):
+    folder, worst = folder
+    page = study_markdown(folder)
+    assert re.findall(r"^## (.*)$", page, re.MULTILINE) == [
+        "Shares",
+        "Failures",
+        "Figures",
+        "Calibration of predictions",
+    ]
+    assert TEXT.strip() in page
+    figure = FIGURES["tool_tip_error_mm"]
+    (line,) = [line for line in page.splitlines() if f"`{figure.key}`" in line]
+    cells = [cell.strip() for cell in line.strip("|").split("|")]
+    assert cells[1] == "59"
+    assert cells[5] == figure.words(worst["tool_tip_error_mm"])
+    assert cells[6] == f"≤ {figure.words(figure.limit)}"
+
+
+BEDS = """
+title = "beds"
+until = "implant"
+seeds = { first = 0, count = 5 }
+keep = ["worst 1 of bed_residual_true_mm"]
+"""
+
+
+def bed_rows(study):
+    """Rows of three accepted beds, one that is refused, and a patient without maps."""
+    found = [
+        {"bed_probability": 0.9995, "bed_residual_true_mm": 1.5},
+        {"bed_probability": 0.995, "bed_residual_true_mm": 0.9},
+        {"bed_probability": 1.0, "bed_residual_true_mm": 2.5},
+        {"bed_probability": 0.7, "bed_residual_true_mm": 1.0, "bed_reason": "not surely"},
+        {"completed": False, "failed_step": "maps", "failure_code": "weak", "reason": "nothing"},
+    ]
+    head = ({"key": p.key, "seed": p.seed, "version": p.version} for p in study.patients())
+    return [{**one, "completed": True, **more} for one, more in zip(head, found, strict=True)]
+
+
+def test_the_beds_of_a_study_are_counted_with_the_settings_that_all_have(demo, tmp_path):
+    study = plan_of(tomllib.loads(BEDS), "beds", BEDS)
+    folder, rows = StudyFolder(tmp_path), bed_rows(study)
+    (tmp_path / "plan.toml").write_text(BEDS)
+    for row in rows:
+        folder.write_row(row)
+    assert beds_file(folder) is None, "no session has the settings"
+    folder.write_session(rows[1]["key"], session_bytes(demo))
+    found = read_beds(beds_file(folder))
+    assert found.beds == ((0.9995, 1.5), (0.995, 0.9), (1.0, 2.5))
+    assert (found.no_bed, found.failed, found.patients) == (1, 1, 4)
+    assert (found.conditions, found.limit_mm) == ({}, 1.0)
+    assert (found.first_seed, found.last_seed) == (0, 4)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        BEDS.replace("implant", "maps"),
+        BEDS + '[factors]\nSetRobot.model = ["rx90", "ur5"]\n',
+    ],
+)
+def test_a_study_without_beds_or_of_several_settings_has_none_to_count(text, tmp_path):
+    folder = StudyFolder(tmp_path)
+    (tmp_path / "plan.toml").write_text(text)
+    for patient in folder.plan().patients():
+        head = {"key": patient.key, "seed": patient.seed, "version": patient.version}
+        row = {"completed": True, "bed_probability": 1.0, "bed_residual_true_mm": 2.0}
+        folder.write_row(head | row)
+        folder.write_session(patient.key, b"")
+    assert beds_file(folder) is None

@@ -14,6 +14,7 @@ from rona_core.app.overview.bed_figures import (
     milling_rows,
     screw_rows,
 )
+from rona_core.app.overview.bed_risk import bed_risk
 from rona_core.app.overview.frame_graph import frame_rows
 from rona_core.app.report.page import Html, badge, facts, joined, note, table, tag
 from rona_core.app.steps.implant.implant_bed import ImplantBed, PlacedBed
@@ -249,6 +250,8 @@ def bed_section(session: Session) -> Html:
         return joined((title, note(f"Stale, left out: {reason}.", "warn")))
     bed: ImplantBed = held.value
     parts = [title, note(verdict(bed), "good" if bed.refusal is None else "warn")]
+    if (risk := bed_risk(session)) is not None:
+        parts.append(tag("p", risk.words))
     if bed.placed is not None:
         parts.append(facts(_figures(bed, bed.placed)))
         if bed.placed.screws:

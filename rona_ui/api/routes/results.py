@@ -15,6 +15,7 @@ from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.judge import StepState, step_states
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.overview.acceptance import JudgedFigure, QualityRow, quality_rows
+from rona_core.app.overview.bed_risk import bed_risk
 from rona_core.app.overview.frame_graph import frame_rows
 from rona_core.app.report.page import POLICY
 from rona_core.app.report.report import workbench_report
@@ -76,6 +77,7 @@ PARTS: dict[str, Callable[[Session, str], Any]] = {
     "sono_accuracy": lambda session, step: (
         map_accuracy(session, hand=True) if step == "maps" else None
     ),
+    "risk": lambda session, step: bed_risk(session) if step == "implant" else None,
     "captures": lambda session, step: {
         name: _capture(name, session) for name in REGISTRY.parts_of(step)[0]
     },
@@ -97,7 +99,8 @@ def get_results(bench: Bench, step: str, max_points: MaxPoints = None) -> FastJs
     address. `value` is null while there is nothing. How sure the maps are stands in
     `accuracy` (of the scan by hand: `sono_accuracy`): standard deviations over their grid.
     `reference_gain` proposes places for a caliper and says what they gain; `verification` of the
-    scan says whether tracker, pointer and robot agree on the landmarks. `acoustics`, beside the
+    scan says whether tracker, pointer and robot agree on the landmarks. `risk` of the implant says
+    how many virtual patients like this one broke the limit of their bed. `acoustics`, beside the
     steps of the procedure, has the delay line, the speed of sound and what other probes would do.
     `version` is that of the program that made a result. `painted` has the regions painted for the
     path, `path_edits` and `boundary_edits` what was changed by hand.

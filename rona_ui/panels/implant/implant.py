@@ -14,6 +14,7 @@ from rona_core.app.overview.bed_figures import (
     milling_rows,
     screw_rows,
 )
+from rona_core.app.overview.bed_risk import bed_risk
 from rona_core.app.steps.implant.bed_lines import BedLines, lines_verdict
 from rona_core.app.steps.implant.bed_milling import MillingView
 from rona_core.app.steps.implant.burr.messages import StartBurrCapture
@@ -342,7 +343,9 @@ class ImplantPanel(StepPanel):
         if held is None:
             return ""
         bed: ImplantBed = held.value
-        return style.note(verdict(bed), "good" if bed.refusal is None else "warn")
+        words = style.note(verdict(bed), "good" if bed.refusal is None else "warn")
+        risk = bed_risk(snapshot.session)
+        return words if risk is None else words + style.text(risk.words)
 
 
 def _lifts(bed: ImplantBed) -> str:
