@@ -7,7 +7,6 @@
 #   make check         style, types, import contracts and architecture
 #   make bench         figures beside those of peers (SUITE=path for one suite, JSON=1 a list, FULL=1 all seeds)
 #   make profile       CPU time of a procedure by steps and functions (SEED=3, KEEP=1)
-#   make results       run the procedure over seeds and skulls and write docs/results.md
 #   make metrics       write the tables of docs/metrics.md from the declared figures
 #   make honesty       hold every predicted error against the truth and write docs/honesty.md (FULL=1)
 #   make reliability   kills, cuts, floods, broken files, two programs on one file (FULL=1)
@@ -28,7 +27,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help run test test-all mutants gallery api settings interoperability check bench viewers profile results metrics honesty reliability accuracy demo demo-session pictures animation screens constraints clean venv product browser
+.PHONY: help run test test-all mutants gallery api settings interoperability check bench viewers profile metrics honesty reliability accuracy demo demo-session pictures animation screens constraints clean venv product browser
 
 PYTHON ?= python3
 VENV := .venv
@@ -165,9 +164,6 @@ animation: $(VENV)/.test browser
 
 screens: $(VENV)/.test
 	$(BIN)/python -m tests.tools.screens
-
-results: $(VENV)/.product
-	$(ONE_THREAD) $(BIN)/python -m benchmarks.procedure_table
 
 metrics: $(VENV)/.product
 	$(BIN)/python -m benchmarks.metrics_page

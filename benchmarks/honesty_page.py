@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.__main__ import Case, changes_for
-from benchmarks.procedure_table import row
+from benchmarks.metric import row
 from benchmarks.smallest import set_to
 from benchmarks.suites.honesty import honesty as suite
 from benchmarks.suites.honesty.judged import (

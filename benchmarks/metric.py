@@ -95,3 +95,8 @@ def cpu_ms(work: Callable[[], object], repeats: int | None = None) -> float:
         work()
         times.append(process_time() - start)
     return 1e3 * min(times)
+
+
+def row(*cells: object) -> str:
+    """Return one line of a table in Markdown."""
+    return f"| {' | '.join(str(cell) for cell in cells)} |"

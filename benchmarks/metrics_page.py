@@ -8,13 +8,11 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
-from benchmarks.procedure_table import row
-from benchmarks.suites.procedure.procedure import OF_RESULTS
+from benchmarks.metric import row
 from rona_core.app.declarations.figures import SECTIONS, Figure
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "metrics.md"
 TABLE = re.compile(r"(<!-- table: (.+?) -->\n).*?(<!-- end -->)", re.DOTALL)
-ALL = {**SECTIONS, "Results page": tuple(OF_RESULTS.values())}
 LIMITS = "Limits"
 
 
@@ -51,7 +49,7 @@ def with_tables(page: str) -> str:
 
     def write(found: re.Match[str]) -> str:
         name = found[2]
-        table = limit_table() if name == LIMITS else figure_table(ALL[name])
+        table = limit_table() if name == LIMITS else figure_table(SECTIONS[name])
         return f"{found[1]}\n{table}\n\n{found[3]}"
 
     return TABLE.sub(write, page)

@@ -14,10 +14,9 @@ from benchmarks import procedure_profile, timed_procedure
 from benchmarks.cases.growth import exponent
 from benchmarks.default_case import DEFAULT
 from benchmarks.metric import Metric, cpu_ms, over_seeds
-from benchmarks.smallest import DEMO, SMALLEST, set_to
+from benchmarks.smallest import SMALLEST, set_to
 from benchmarks.suites.procedure import mounting, procedure
 from rona_core.session.document import Session
-from rona_core.session.files import load_session
 
 pytestmark = pytest.mark.slow
 
@@ -217,11 +216,9 @@ def test_an_unknown_suite_is_refused_by_name(capsys):
 def test_the_procedure_is_summed_up_over_runs():
     if importlib.util.find_spec("rona_core.compose") is None:
         pytest.skip("there is no procedure to run yet")
-    from benchmarks.procedure_table import page
     from benchmarks.suites.procedure.procedure import Run, summary
 
     good = {"completed": True, "surface_rms_mm": 1.0, "outer_rms_mm": 0.5, "wall_s": 10.0}
-    good |= {"outer_robot_rms_mm": 0.3, "outer_same_robot_rms_mm": 0.125}
     bad = {"completed": False, "failed_step": "roll", "surface_rms_mm": 2.5, "outer_rms_mm": None}
     done = [*(Run("simulated", seed, good) for seed in range(8)), Run("skull_c", 0, bad)]
     found = {metric.name: metric for metric in summary(done)}
@@ -231,41 +228,6 @@ def test_the_procedure_is_summed_up_over_runs():
     assert found["completed, of 9"].value == 8.0
     assert found["completed, of 9"].goal == 7.0
     assert found["completed, of 9"].holds is True
-    text = page({"realistic": done, "nominal": done})
-    assert text.count("| simulated |") == 16
-    heads = "figure | realistic, 9 runs | nominal, 9 runs | unit | goal | paper | holds"
-    assert f"| {heads} |" in text
-    assert "| surface_rms_mm (worst) | 2.5 | 2.5 | mm |" in text
-    assert "1 of 9 runs were refused by a step, and 0 have" in text
-    unsure = Run("simulated", 9, {**good, "thickness_sigma_predicted_mm": 0.4})
-    assert (
-        "and 1 have a predicted figure beyond its limit (Thickness of A-scans, predicted 1)."
-        in page({"realistic": [*done, unsure]})
-    )
-    assert "no: roll" in text
-    header = next(line for line in text.splitlines() if line.startswith("| skull"))
-    for key in ("outer_same_robot_rms_mm", "inner_same_robot_rms_mm", "outer_robot_rms_mm"):
-        assert f" {key} " in header
-    # quadratic means over the runs that have all three, so that the one that failed is out
-    assert "0.300 of 0.500 mm" in text
-    assert "0.125 mm" in text
-
-
-def test_the_share_of_the_robot_is_its_field_along_the_normal():
-    from benchmarks.suites.procedure.procedure import robot_share
-    from rona_core.compose import build_virtual_rig
-    from rona_core.evaluation.truth import truth_of
-
-    session = load_session(DEMO)
-    scene = build_virtual_rig(session.setup).scene
-    points = session.results.maps.value.outer.points_base()
-    truth = truth_of(session, scene)
-    _, normals = truth.foot(points)
-    field = scene.robot_error.systematic_mm(points, truth.postures.at(points))
-    field = (field * normals).sum(axis=1)
-    share = robot_share(session)["outer_robot_rms_mm"]
-    assert share == pytest.approx(np.sqrt(np.mean(field**2)), rel=0.02)
-    assert robot_share(Session()) == {"outer_robot_rms_mm": None}
 
 
 def test_the_demonstration_is_checked_by_brute_force():
