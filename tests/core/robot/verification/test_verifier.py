@@ -147,6 +147,18 @@ def test_a_collision_is_caught_though_all_else_holds(move):
     ]
 
 
+def test_clearance_is_checked_where_all_else_holds_and_not_spoken_of_elsewhere(move):
+    middle = len(move.qs_rad) // 2
+    around = ball(tips(move.qs_rad[middle : middle + 1])[0])
+    hasty = Motion(move.times_s / 100.0, move.qs_rad)
+    certificate = verify_motion(RX90, hasty, obstacles=around)
+    assert "joint speed" in names(certificate)
+    assert not [check for check in certificate.checks if check.name.startswith("clearance")]
+    assert certificate.min_clearance_mm is None
+    assert not certificate.certified
+    assert names(verify_motion(RX90, move, obstacles=around)) == ["clearance from the ball"]
+
+
 def test_margins_are_kept_exactly(move):
     """A ball beside the tip at rest: the least distance decides to a hundredth of a millimetre."""
     still = Motion(np.array((0.0, 1.0)), np.repeat(RX90.home_rad[None], 2, axis=0))
