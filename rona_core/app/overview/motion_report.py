@@ -8,6 +8,7 @@ from rona_core.app.dependencies.staleness import session_obstacles
 from rona_core.app.steps.implant.bed_milling import robot_path_of
 from rona_core.app.steps.implant.milling_motion import milling_model
 from rona_core.app.steps.implant.view import milling_view
+from rona_core.app.steps.roll.certificate_view import NO_CLEARANCE
 from rona_core.devices.files.text_tables import NamedFile
 from rona_core.devices.limits import require_within
 from rona_core.devices.robots import ROBOTS
@@ -56,7 +57,7 @@ class MotionReport:
     motion: JointMotion
     verdict: ForeignVerdict
     around: str  # what stood around, in words
-    remarks: tuple[str, ...]  # what was assumed
+    remarks: tuple[str, ...]  # what was assumed, and what was not checked
 
     @property
     def certified(self) -> bool:
@@ -143,6 +144,8 @@ def report_motion(
         tolerances,
         demand_singular=asked.demand_singular,
     )
+    if verdict.certificate.min_clearance_mm is None:
+        remarks.append(NO_CLEARANCE)
     return MotionReport(file.name, model, motion, verdict, words, (*motion.remarks, *remarks))
 
 

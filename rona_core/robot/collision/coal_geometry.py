@@ -21,7 +21,12 @@ from rona_core.geometry.arrays import Bools, Floats, Ints
 from rona_core.geometry.pose import Pose
 from rona_core.robot.collision.collision_geometry import ConvexBody
 from rona_core.robot.collision.obstacles import Capsule, Hull, Obstacle
-from rona_core.robot.kinematics.pinocchio_model import MM_PER_M, N_JOINTS, pinocchio_model
+from rona_core.robot.kinematics.pinocchio_model import (
+    MM_PER_M,
+    N_JOINTS,
+    joint_placements,
+    pinocchio_model,
+)
 from rona_core.robot.kinematics.robot_model import RobotModel
 
 SAME = 1e-9  # m, and entries of rotations, by which link frames may differ from Pinocchio's model
@@ -50,7 +55,7 @@ class Bodies:
         """
         self._robot, _ = pinocchio_model(model)
         self._state = self._robot.createData()
-        frames = _frames_on_joints(model)
+        self._frames = frames = _frames_on_joints(model)
         self._shapes = pin.GeometryModel()
         self._index: dict[str, int] = {}
         self._levers_mm = _levers_mm(self._robot, frames, bodies)
@@ -117,6 +122,17 @@ class Bodies:
         pin.computeDistances(self._robot, self._state, self._shapes, self._found, q_rad)
         results = compress(self._results, self._chosen)
         return np.array([result.min_distance for result in results]) * MM_PER_M
+
+    def link_frames(self, qs_rad: Floats) -> tuple[Floats, Floats]:
+        """Return the seven link frames in ``base`` at joint angles (n, 6), as the arm's does.
+
+        Rotations (n, 7, 3, 3) and places (n, 7, 3) in mm, by Pinocchio's model.
+        """
+        rotations, places = joint_placements(self._robot, qs_rad)
+        turns = np.array([frame.rotation for frame in self._frames])
+        shifts = np.array([frame.translation for frame in self._frames])[:, :, None]
+        places_mm = MM_PER_M * (places + (rotations @ shifts)[:, :, :, 0])
+        return rotations @ turns, places_mm
 
     def normals_base(self, pairs: Ints) -> Floats:
         """Return the unit vectors (k, 3) along which some pairs were apart when last looked at."""

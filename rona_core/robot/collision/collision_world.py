@@ -126,6 +126,8 @@ POSITIONS = 100  # in which parts that may be far from each other are tried
 FAR_MM = 60.0  # parts that stay farther apart are never near
 BLOCK = 32  # places whose distances are bounded by those at the middle one
 STRETCH = 256  # places whose distances are bounded by planes at the middle one
+SPAN = 64  # likewise, where the bounds are to be close
+AT_ONCE = 16  # places looked at before others are left out
 TOGETHER = 512  # places whose link frames are computed at once
 FEW = 8  # places for which that does not pay
 SLACK_MM = 0.01  # more than distances vary with where the search for them starts
@@ -168,7 +170,8 @@ class CollisionWorld:
         obstacles: What stands around.
         pairs: The parts that can meet, and how far each two must keep apart.
         least_mm: That distance of every pair, (p,).
-        levers_mm: How far any part can be from each joint axis at most, (6,).
+        pair_levers_mm: How far a joint moves two parts past each other at most, in mm a radian,
+            (6, p).
     """
 
     def __init__(self, model: RobotModel, obstacles: Obstacles = NOTHING_AROUND) -> None:
@@ -187,8 +190,7 @@ class CollisionWorld:
         )
         self._bodies.look_at(self.pairs)
         self.least_mm = readonly(np.array([pair.least_mm for pair in self.pairs]))
-        self.levers_mm = readonly(self._bodies.levers_mm)
-        self._pair_levers_mm = self._bodies.pair_levers_mm(self.pairs)
+        self.pair_levers_mm = readonly(self._bodies.pair_levers_mm(self.pairs))
         self._planes = SeparatingPlanes(self.pairs, bodies, obstacles.things)
         self._counted = self.least_mm >= 0.0
         kinds = [(pair.group, pair.least_mm) for pair in self.pairs]
@@ -223,14 +225,63 @@ class CollisionWorld:
         """Return the first of joint angles (n, 6) at which anything is too close, -1 for none."""
         return next(self._too_close(as_joints(qs_rad)), -1)
 
-    def distances_mm(self, qs_rad: ArrayLike) -> Floats:
-        """Return the distance of every pair (n, p) at joint angles (n, 6)."""
+    def distances_mm(self, qs_rad: ArrayLike, pairs: Bools | None = None) -> Floats:
+        """Return the distances (n, k) at joint angles (n, 6): of every pair, or of k chosen."""
         qs = as_joints(qs_rad)
-        found = np.zeros((len(qs), len(self.pairs)))
-        self._bodies.choose(np.ones(len(self.pairs), dtype=np.bool_))
+        chosen: Bools = np.ones(len(self.pairs), dtype=np.bool_) if pairs is None else pairs
+        found = np.zeros((len(qs), np.count_nonzero(chosen)))
+        self._bodies.choose(chosen)
         for i, q in enumerate(qs):
             found[i] = self._bodies.distances_mm(q)
         return np.round(found, ROUNDED, out=found)
+
+    def bounds_mm(self, qs_rad: ArrayLike) -> Floats:
+        """Return what every pair keeps apart at least (n, p) at joint angles (n, 6).
+
+        Close to the distance for pairs that may be the nearest of an obstacle, where the places
+        follow each other closely. Where the links are is Pinocchio's word, not the planner's.
+        """
+        qs = as_joints(qs_rad)
+        kept_mm = np.zeros((len(qs), len(self.pairs)))
+        for start in range(0, len(qs), SPAN):
+            block, rows = qs[start : start + SPAN], slice(start, start + SPAN)
+            kept_mm[rows], most = self._bounds_mm(block)
+            pairs = np.flatnonzero(self._decisive(kept_mm[rows], most))
+            frames, normals = self._bodies.link_frames(block), self._bodies.normals_base(pairs)
+            by_planes = self._planes.bounds_mm(*frames, pairs, normals) - SLACK_MM
+            kept_mm[rows, pairs] = np.fmax(kept_mm[rows, pairs], by_planes)
+        return kept_mm
+
+    def least_of_all(self, qs_rad: ArrayLike, bounds_mm: Floats) -> tuple[Floats, Ints]:
+        """Return where pairs are nearest over joint angles (n, 6), n at least 1.
+
+        Of every obstacle, and of every distance that is demanded, the nearest pair is known.
+
+        Args:
+            qs_rad: Joint angles (n, 6).
+            bounds_mm: What every pair keeps apart at least there, (n, p).
+
+        Returns:
+            Least distance of each pair (p,), infinite where it cannot be the nearest, and the place
+            of it (p,), the first of equals.
+        """
+        qs = as_joints(qs_rad)
+        least_mm, at = np.full(len(self.pairs), np.inf), np.zeros(len(self.pairs), dtype=np.int64)
+        for of_kind in self._kinds:
+            bounds = np.where(of_kind, bounds_mm, np.inf)
+            lowest = bounds.min(axis=1)
+            left = np.argsort(lowest, kind="stable")
+            while len(left) and lowest[left[0]] <= least_mm[of_kind].min():
+                rows, left = np.sort(left[:AT_ONCE]), left[AT_ONCE:]
+                pairs: Bools = bounds[rows].min(axis=0) <= least_mm[of_kind].min()
+                found = self.distances_mm(qs[rows], pairs)
+                first = found.argmin(axis=0)
+                there, place = found[first, np.arange(len(first))], rows[first]
+                known, before = least_mm[pairs], at[pairs]
+                nearer = (there < known) | ((there == known) & (place < before))
+                least_mm[pairs] = np.where(nearer, there, known)
+                at[pairs] = np.where(nearer, place, before)
+        return least_mm, at
 
     def nearest_mm(self, qs_rad: ArrayLike) -> Floats:
         """Return the distances (n, p) that decide at joint angles (n, 6), infinite for the others.
@@ -242,16 +293,20 @@ class CollisionWorld:
         found = np.full((len(qs), len(self.pairs)), np.inf, dtype=np.float64)
         for start in range(0, len(qs), BLOCK):
             block = qs[start : start + BLOCK]
-            least, most = self._bounds_mm(block)
-            nearest = np.zeros_like(most)
-            for of_kind in self._kinds:
-                nearest[:, of_kind] = most[:, of_kind].min(axis=1, keepdims=True)
-            decisive: Bools = (nearest - least).max(axis=0) >= 0.0
+            decisive = self._decisive(*self._bounds_mm(block))
             self._bodies.choose(decisive)
             self._bodies.distances_mm(qs[max(0, start - 1)])  # where the next search starts
             for i, q in enumerate(block, start):
                 found[i, decisive] = self._bodies.distances_mm(q)
         return np.round(found, ROUNDED, out=found)
+
+    def _decisive(self, least_mm: Floats, most_mm: Floats) -> Bools:
+        """Return which pairs (p,) may be the nearest of their kind anywhere, by bounds (n, p)."""
+        nearest = np.zeros_like(most_mm)
+        for of_kind in self._kinds:
+            nearest[:, of_kind] = most_mm[:, of_kind].min(axis=1, keepdims=True)
+        decisive: Bools = (nearest - least_mm).max(axis=0) >= 0.0
+        return decisive
 
     def _too_close(self, qs: Floats) -> Iterator[int]:
         """Yield at which of joint angles (n, 6) anything comes too close, in their order."""
@@ -291,7 +346,7 @@ class CollisionWorld:
         """Return bounds (n, p) of the distance of every pair, from that at the middle one of n."""
         middle = qs[len(qs) // 2]
         apart_mm = self.distances_mm(middle[None])
-        moved_mm = np.abs(qs - middle) @ self._pair_levers_mm + SLACK_MM
+        moved_mm = np.abs(qs - middle) @ self.pair_levers_mm + SLACK_MM
         return apart_mm - moved_mm, apart_mm + moved_mm
 
     def report(self, qs_rad: ArrayLike) -> CollisionReport:

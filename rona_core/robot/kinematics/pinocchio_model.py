@@ -34,37 +34,29 @@ class PinocchioArm:
         Raises:
             InvalidInputError: neither a description nor the lengths of a known build.
         """
-        self._model, self._flange = pinocchio_model(model)
-        self._data = self._model.createData()
-        joints = self._model.joints
-        self._axes = np.array(
-            [np.eye(3)["XYZ".index(joints[i].shortname()[-1])] for i in range(1, N_JOINTS + 1)]
-        )
+        self._model, flange = pinocchio_model(model)
+        self._axes = np.eye(3)[_axes(self._model)]
+        self._on_last = self._model.frames[flange].placement  # where the flange is on joint 6
 
     def forward(self, qs_rad: Floats) -> Poses:
         """Return ``Ts_base_flange`` for joint angles (n, 6) in radians."""
-        placement, n = self._data.oMf[self._flange], len(qs_rad)
+        n, on_last = len(qs_rad), self._on_last
         rotations, translations = np.zeros((n, 3, 3)), np.zeros((n, 3))
         for start in range(0, n, BLOCK):
-            some = qs_rad[start : start + BLOCK]
-            placements = np.zeros((len(some), 3, 4))
-            for i, q in enumerate(some):
-                pin.framesForwardKinematics(self._model, self._data, q)
-                placements[i] = placement.homogeneous[:3]
+            joints, places = joint_placements(self._model, qs_rad[start : start + BLOCK])
+            last = joints[:, -1]
+            flange_mm = MM_PER_M * (places[:, -1] + last @ on_last.translation)
             # checked part by part: all of a long motion at once takes much memory
-            part = Poses(placements[:, :, :3], placements[:, :, 3] * MM_PER_M)
+            part = Poses(last @ on_last.rotation, flange_mm)
             rotations[start : start + BLOCK] = part.rotations
             translations[start : start + BLOCK] = part.translations
         return Poses.unchecked(rotations, translations)
 
     def joint_axes(self, qs_rad: Floats) -> tuple[Floats, Floats]:
         """Return directions and origins (n, 6, 3) of all joint axes in ``base``, origins in mm."""
-        joints, placements = list(self._data.oMi)[1:], np.zeros((len(qs_rad), N_JOINTS, 4, 4))
-        for i, q in enumerate(qs_rad):
-            pin.forwardKinematics(self._model, self._data, q)
-            placements[i] = [joint.homogeneous for joint in joints]
-        directions = np.einsum("njik,jk->nji", placements[:, :, :3, :3], self._axes)
-        return directions, MM_PER_M * placements[:, :, :3, 3]
+        rotations, places = joint_placements(self._model, qs_rad)
+        directions = np.einsum("njik,jk->nji", rotations[:, 1:], self._axes)
+        return directions, MM_PER_M * places[:, 1:]
 
     def singular_margins(self, qs_rad: Floats) -> tuple[Floats, Floats, Floats]:
         """Return how far from a lost freedom the arm is, from the placement of its joints.
@@ -96,6 +88,33 @@ class PinocchioArm:
     def tool(self, qs_rad: Floats, T_flange_tip: Pose) -> Poses:
         """Return ``Ts_base_tip`` for joint angles (n, 6) in radians."""
         return self.forward(qs_rad) @ T_flange_tip
+
+
+def joint_placements(built: Any, qs_rad: Floats) -> tuple[Floats, Floats]:
+    """Return rotations (n, 7, 3, 3) and places (n, 7, 3) in metres of base and joints.
+
+    What ``pin.forwardKinematics`` puts into ``oMi`` for one of joint angles (n, 6), for all of
+    them: each joint is placed on the one before as Pinocchio's model says, and turns about its
+    axis.
+    """
+    n = len(qs_rad)
+    # the n come last: loops over three numbers are slow
+    columns, places = np.zeros((N_JOINTS + 1, 3, 3, n)), np.zeros((N_JOINTS + 1, 3, n))
+    columns[0] = np.eye(3)[:, :, None]
+    for i, (axis, angles_rad) in enumerate(zip(_axes(built), qs_rad.T, strict=True)):
+        placed, before = built.jointPlacements[i + 1], columns[i].reshape(3, -1)
+        places[i + 1] = places[i] + (placed.translation @ before).reshape(3, n)
+        columns[i + 1] = (placed.rotation.T @ before).reshape(3, 3, n)
+        first, second = columns[i + 1, (axis + 1) % 3], columns[i + 1, (axis + 2) % 3]
+        cosines, sines = np.cos(angles_rad), np.sin(angles_rad)
+        turned = cosines * first + sines * second, cosines * second - sines * first
+        first[:], second[:] = turned
+    return columns.transpose(3, 0, 2, 1), places.transpose(2, 0, 1)
+
+
+def _axes(built: Any) -> list[int]:
+    """Return about which axis of its own frame each joint turns: 0, 1 or 2."""
+    return ["XYZ".index(built.joints[i].shortname()[-1]) for i in range(1, N_JOINTS + 1)]
 
 
 def pinocchio_model(model: RobotModel) -> tuple[Any, int]:

@@ -86,6 +86,7 @@ def lines_back(model: RobotModel, qs_rad: Floats, most_mm: float) -> list[Floats
 
 SLOWER = 6  # times that a motion is slowed down until its samples keep all limits
 SHARE_ASKED = 1.0 - 1e-9
+RESERVE, BESIDE = 1.005, 2  # of the speed, and stretches before and after, where it is slowed
 TURN_WAY_MM = 10.0  # a turn of one radian on the spot counts as this much way
 
 
@@ -135,28 +136,61 @@ def sample_path(
     """Return way (m,) and joints (m, 6) at samples ``SAMPLE_S`` apart, from rest to rest.
 
     Limits are planned with some reserve at every point of the way. Should the samples, driven
-    linearly, still exceed one of them, the motion is slowed down until they do not.
+    linearly, still exceed one of the joints or of the acceleration, the whole motion is slowed down
+    until they do not; where the tool is faster than asked, the motion is slowed down there alone.
     """
-    timed = parameterize_time(way_mm, qs_rad, points_base, limits, model.limits, feeds_mm_per_s)
-    duration_s = timed.duration_s
-    ways, qs = _sampled(timed, duration_s, qs_rad)
+    asked = np.full(len(way_mm), limits.speed_mm_per_s)
+    asked = asked if feeds_mm_per_s is None else np.minimum(asked, feeds_mm_per_s)
+    feeds, slower = feeds_mm_per_s, 1.0
+    timed = parameterize_time(way_mm, qs_rad, points_base, limits, model.limits, feeds)
+    ways, qs = _sampled(timed, timed.duration_s, qs_rad)
     for _ in range(SLOWER):
-        speeds = np.diff(qs, axis=0) / SAMPLE_S
-        resting = np.vstack((np.zeros(6), speeds, np.zeros(6)))
-        gains = np.abs(np.diff(resting, axis=0)) / SAMPLE_S
         tips = (model.forward(qs) @ model.T_flange_probe).translations
-        moving = np.vstack((np.zeros(3), np.diff(tips, axis=0) / SAMPLE_S, np.zeros(3)))
-        felt = np.linalg.norm(np.diff(moving, axis=0), axis=1).max() / SAMPLE_S
-        excess = max(
-            float((np.abs(speeds) / model.speed_rad_per_s).max()) ** 2,
-            float((gains / model.acceleration_rad_per_s2).max()),
-            float(felt / limits.acceleration_mm_per_s2),
-        )
-        if excess <= SHARE_ASKED:
+        excess = _excess(qs, tips, limits, model)
+        shares = _speed_shares(ways, tips, way_mm, asked)
+        if excess > SHARE_ASKED:
+            slower *= 1.001 * np.sqrt(excess)
+        elif (shares > SHARE_ASKED).any():
+            feeds = _slowed(asked if feeds is None else feeds, way_mm, ways, shares)
+            timed = parameterize_time(way_mm, qs_rad, points_base, limits, model.limits, feeds)
+        else:
             break
-        duration_s *= 1.001 * np.sqrt(excess)
-        ways, qs = _sampled(timed, duration_s, qs_rad)
+        ways, qs = _sampled(timed, slower * timed.duration_s, qs_rad)
     return ways, qs
+
+
+def _excess(qs_rad: Floats, tips_base: Floats, limits: SpeedLimits, model: RobotModel) -> float:
+    """Return the largest share of a limit that samples (m, 6), (m, 3) need, as an acceleration."""
+    speeds = np.diff(qs_rad, axis=0) / SAMPLE_S
+    resting = np.vstack((np.zeros(6), speeds, np.zeros(6)))
+    gains = np.abs(np.diff(resting, axis=0)) / SAMPLE_S
+    moving = np.vstack((np.zeros(3), np.diff(tips_base, axis=0) / SAMPLE_S, np.zeros(3)))
+    felt = np.linalg.norm(np.diff(moving, axis=0), axis=1).max() / SAMPLE_S
+    return max(
+        float((np.abs(speeds) / model.speed_rad_per_s).max()) ** 2,
+        float((gains / model.acceleration_rad_per_s2).max()),
+        float(felt / limits.acceleration_mm_per_s2),
+    )
+
+
+def _speed_shares(ways: Floats, tips_base: Floats, way_mm: Floats, asked: Floats) -> Floats:
+    """Return the share of the speed asked for that the tool needs up to each sample, (m - 1,)."""
+    least_s = np.concatenate(([0.0], np.cumsum(np.diff(way_mm) / asked[1:])))
+    driven_mm, least = np.diff(ways), np.diff(np.interp(ways, way_mm, least_s))
+    moved_mm = np.linalg.norm(np.diff(tips_base, axis=0), axis=1)
+    stretch = np.divide(moved_mm, driven_mm, out=np.ones(len(driven_mm)), where=driven_mm > MERGED)
+    return np.maximum(stretch, 1.0) * least / SAMPLE_S
+
+
+def _slowed(feeds: Floats, way_mm: Floats, ways: Floats, shares: Floats) -> Floats:
+    """Return feeds (n,), lower on the stretches on which samples need more than all of them."""
+    slowed = feeds.copy()
+    for sample in np.flatnonzero(shares > SHARE_ASKED).tolist():
+        first = int(np.searchsorted(way_mm, ways[sample], side="right"))
+        last = int(np.searchsorted(way_mm, ways[sample + 1]))
+        part = slice(max(first - BESIDE, 0), last + 1 + BESIDE)
+        slowed[part] = np.minimum(slowed[part], feeds[part] / (RESERVE * shares[sample]))
+    return slowed
 
 
 def _sampled(timed: TimedPath, duration_s: float, qs_rad: Floats) -> tuple[Floats, Floats]:

@@ -135,7 +135,7 @@ class Certificate:
     robot: str  # digest of the robot
     tolerances: str  # digest of what the verifier insisted on
     obstacles: str = ""  # digest of what stood around; "" where that was not looked at
-    min_clearance_mm: float | None = None  # least distance of any parts that must not touch
+    min_clearance_mm: float | None = None  # of parts that must not touch; None: not looked at
 
     def belongs_to(self, motion: TimedMotion) -> bool:
         """Return whether this is the motion that was looked at, and everything held.

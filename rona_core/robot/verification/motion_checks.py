@@ -2,11 +2,11 @@
 
 Everything between two samples is looked at as the robot drives it, linear in the joints.
 
-Clearance checks of the verifier: every obstacle, over the whole motion, samples and between. At
-each sample the least distance from every obstacle is known. On the way to the next one no point of
-the robot moves farther than the joint steps times the longest levers. Where that is less than the
-room at both ends together, nothing can touch in between; elsewhere the step is halved, and halved
-again.
+Clearance checks of the verifier: every obstacle, over the whole motion, samples and between. Where
+bounds of the distances leave open which sample is nearest to an obstacle, the distance is found. On
+the way from a sample to the next no pair of parts comes nearer than the joint steps times its
+longest levers. Where that is less than the room at both ends together, nothing can touch in
+between; elsewhere the step is halved, and halved again.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rona_core.errors import InvalidInputError
-from rona_core.geometry.arrays import Floats, Ints, as_floats
+from rona_core.geometry.arrays import Bools, Floats, Ints, as_floats
 from rona_core.robot.collision.collision_world import ITSELF, CollisionWorld
 from rona_core.robot.collision.obstacles import Obstacles
 from rona_core.robot.kinematics.arm import as_joints
@@ -158,10 +158,13 @@ class _Nearest:
     numbers: Floats  # (p,) of the samples there, the first of equals in the order they came
 
     @classmethod
-    def of(cls, distances: Floats, numbers: Floats) -> "_Nearest":
-        """Return it of distances (k, p) at samples (k,)."""
-        rows = np.array([of_pair.argmin() for of_pair in distances.T], dtype=np.int64)  # no copy
-        return cls(distances[rows, np.arange(len(rows))], numbers[rows])
+    def of(cls, distances: Floats, numbers: Floats, pairs: Bools) -> "_Nearest":
+        """Return it of distances (k, c) of some pairs (p,) at samples (k,); others are far."""
+        rows = distances.argmin(axis=0)
+        nearest = cls(np.full(len(pairs), np.inf), np.zeros(len(pairs)))
+        nearest.distances_mm[pairs] = distances[rows, np.arange(len(rows))]
+        nearest.numbers[pairs] = numbers[rows]
+        return nearest
 
     def or_nearer(self, later: "_Nearest") -> "_Nearest":
         """Return what is nearer, pair by pair, here or at later places."""
@@ -185,36 +188,69 @@ def clearance(
 
 
 def _nearest(world: CollisionWorld, dense: DenseMotion) -> _Nearest:
-    """Return where each pair is nearest, of all places that are looked at."""
+    """Return where each pair is nearest, of all places that are looked at.
+
+    Bounds of the distances leave out most samples: those where no pair can be the nearest of the
+    motion, and where every pair keeps room enough for the steps beside.
+    """
     qs, numbers = dense.qs_rad[::DENSITY], dense.numbers[::DENSITY]
-    found = world.nearest_mm(qs)
-    room = _room_mm(world, found)
-    nearest = _Nearest.of(found, numbers)
-    ends = [(qs[:-1], qs[1:]), (room[:-1], room[1:]), (numbers[:-1], numbers[1:])]
-    del found  # it is large
+    bounds = world.bounds_mm(qs)
+    least_mm, at = world.least_of_all(qs, bounds)
+    room = bounds - world.least_mm
+    unsure: Bools = room[:-1] + room[1:] <= np.abs(np.diff(qs, axis=0)) @ world.pair_levers_mm
+    pairs: Bools = np.any(unsure, axis=0)
+    steps = np.flatnonzero(unsure.any(axis=1))
+    nearest = _about(world, dense, _Nearest(least_mm, numbers[at]))
+    return _between(world, qs, numbers, pairs, steps, nearest) if len(steps) else nearest
+
+
+def _about(world: CollisionWorld, dense: DenseMotion, nearest: _Nearest) -> _Nearest:
+    """Return where each pair is nearest with the places about the samples where it is."""
+    known: Bools = np.isfinite(nearest.distances_mm)
+    beside = np.arange(1 - DENSITY, DENSITY)
+    rows = (DENSITY * nearest.numbers[known]).astype(np.int64)[:, None] + beside
+    rows = np.unique(np.clip(rows, 0, len(dense.numbers) - 1))
+    found = world.distances_mm(dense.qs_rad[rows], known)
+    return nearest.or_nearer(_Nearest.of(found, dense.numbers[rows], known))
+
+
+def _between(
+    world: CollisionWorld,
+    qs: Floats,
+    numbers: Floats,
+    pairs: Bools,
+    steps: Ints,
+    nearest: _Nearest,
+) -> _Nearest:
+    """Return where each pair is nearest with what is found between samples, in some of the steps.
+
+    Args:
+        world: The robot and what stands around.
+        qs: Joint angles (n, 6) of the samples.
+        numbers: Their numbers (n,).
+        pairs: Which pairs (p,) may come too near there.
+        steps: Those steps, each from a sample to the next.
+        nearest: At the samples.
+    """
+    levers_mm, least_mm = world.pair_levers_mm[:, pairs], world.least_mm[pairs]
+    rows = np.union1d(steps, steps + 1)
+    room = world.distances_mm(qs[rows], pairs) - least_mm
+    low, high = np.searchsorted(rows, steps), np.searchsorted(rows, steps + 1)
+    ends = [(of_row[low], of_row[high]) for of_row in (qs[rows], room, numbers[rows])]
     for _ in range(HALVINGS):
         (q_from, q_to), (room_from, room_to), (first, last) = ends
-        moved_mm = np.abs(q_to - q_from) @ world.levers_mm
-        near = (room_from + room_to <= moved_mm) & (np.minimum(room_from, room_to) >= 0.0)
+        close = room_from + room_to <= np.abs(q_to - q_from) @ levers_mm
+        near = close.any(axis=1) & (np.minimum(room_from, room_to).min(axis=1) >= 0.0)
         if not near.any():
             break
         q_mid, middle = 0.5 * (q_from + q_to)[near], 0.5 * (first + last)[near]
-        found = world.nearest_mm(q_mid)
-        room_mid = _room_mm(world, found)
-        nearest = nearest.or_nearer(_Nearest.of(found, middle))
+        found = world.distances_mm(q_mid, pairs)
+        nearest = nearest.or_nearer(_Nearest.of(found, middle, pairs))
         ends = [
-            (np.concatenate((low[near], mid)), np.concatenate((mid, high[near])))
-            for (low, high), mid in zip(ends, (q_mid, room_mid, middle), strict=True)
+            (np.concatenate((before[near], mid)), np.concatenate((mid, after[near])))
+            for (before, after), mid in zip(ends, (q_mid, found - least_mm, middle), strict=True)
         ]
     return nearest
-
-
-def _room_mm(world: CollisionWorld, distances: Floats) -> Floats:
-    """Return the least distance (k,) beyond what is demanded, of distances (k, p)."""
-    room = np.full(len(distances), np.inf)
-    for of_pair, least in zip(distances.T, world.least_mm, strict=True):  # a difference is large
-        np.minimum(room, of_pair - least, out=room)
-    return room
 
 
 def judged(world: CollisionWorld, nearest: _Nearest) -> tuple[list[Check], float | None]:

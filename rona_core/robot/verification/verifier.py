@@ -125,8 +125,9 @@ def certify(
 ) -> Certificate:
     """Return the certificate of a motion: joints, tool, what its task asks for, and collisions.
 
-    Where time runs backwards the joints alone are looked at: there are no speeds to speak of. The
-    robot is always held against itself; a motion is certified among known obstacles alone.
+    Where time runs backwards the joints alone are looked at: there are no speeds to speak of.
+    Clearance is looked at where all else holds. The robot is always held against itself; a motion
+    is certified among known obstacles alone.
     ``insisted`` is the digest of the tolerances, those of the task included.
     """
     checks = joint_checks(model, motion, allowed)
@@ -135,8 +136,9 @@ def certify(
         dense = dense_motion(model, motion)
         checks += tool_checks(dense, allowed)
         checks += task_checks(dense)
-        found, least_mm = clearance(model, dense, obstacles or NOTHING_AROUND)
-        checks += found
+        if all(one.holds for one in checks):  # the dearest comes last
+            found, least_mm = clearance(model, dense, obstacles or NOTHING_AROUND)
+            checks += found
     if obstacles is None:
         checks.append(_not_checked(len(motion.times_s)))
     around = "" if obstacles is None else obstacles.digest()

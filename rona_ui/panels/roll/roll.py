@@ -8,6 +8,7 @@ from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.roll.certificate_view import (
     CLEARANCE,
     DURATION,
+    NO_CLEARANCE,
     CertificateView,
     CheckPlace,
     certificate_view,
@@ -111,7 +112,8 @@ def refusal(view: CertificateView) -> str:
         )
     parts = "; ".join(f"{row.check.sentence} ({row.place})" for row in failures[:3])
     more = f"; and {len(failures) - 3} more" if len(failures) > 3 else ""
-    return f"Refused: {parts}{more}. The robot will not execute it."
+    unchecked = f" {NO_CLEARANCE}." if view.min_clearance_mm is None else ""
+    return f"Refused: {parts}{more}.{unchecked} The robot will not execute it."
 
 
 def refusal_in_short(view: CertificateView) -> str:

@@ -8,6 +8,7 @@ import pytest
 
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.overview.motion_report import VerifySettings, report_motion
+from rona_core.app.steps.roll.certificate_view import NO_CLEARANCE
 from rona_core.devices.files.text_tables import NamedFile
 from rona_core.errors import InvalidInputError
 from rona_core.robot.kinematics.universal_robots import urdf_path
@@ -47,6 +48,7 @@ def test_a_good_motion_is_certified_for_robot_and_description(capsys, tmp_path, 
     assert "states no accelerations" in out
     found = json.loads(asked(capsys, file, "--robot", "ur5", "--json", status=0).out)
     assert (found["certified"], found["interpolation"]) == (True, "linear")
+    assert NO_CLEARANCE not in found["remarks"]
     assert set(found["digests"]) == {"motion", "certificate", "robot", "tolerances", "obstacles"}
 
 
@@ -60,6 +62,8 @@ def test_a_refused_one_says_where_and_draws_it(capsys, tmp_path, motion):
     assert "at sample 200 (1.600 s)" in out
     assert "J4 (°)" in picture.read_text()
     found = json.loads(asked(capsys, *arguments, "--json", status=3).out)
+    assert NO_CLEARANCE in found["remarks"]
+    assert found["least_clearance_mm"] is None
     (step,) = [one for one in found["checks"] if one["name"] == "joint step"]
     assert (step["holds"], step["sample"], step["joint"], len(step["q_deg"])) == (False, 200, 4, 6)
 

@@ -132,6 +132,8 @@ def test_where_all_passes_are_scanned_another_one_is_blocked_with_a_reason(two):
 def test_each_pass_is_scanned_as_it_was_planned(two):
     plan = two.results.second.value
     assert len(plan.passes) == len(two.captures.second) == 2
+    assert two.captures.scan.clock_scans is not None
+    assert all(one.clock_scans is None for one in two.captures.second), "the delay is known"
     for way, capture in zip(plan.passes, two.captures.second, strict=True):
         poses = joined_poses(required(PLACES, two), (capture,))
         _, nearest = KDTree(way.way.path.points_base).query(poses.translations)

@@ -12,7 +12,7 @@ from rona_core.app.dependencies.judge import step_states
 from rona_core.app.dependencies.staleness import input_digests, session_obstacles
 from rona_core.app.overview.acceptance import quality_rows
 from rona_core.app.steps.boundaries.ascan_view import scan_number_at, scan_poses
-from rona_core.app.steps.roll.certificate_view import certificate_view
+from rona_core.app.steps.roll.certificate_view import NO_CLEARANCE, certificate_view
 from rona_core.app.steps.roll.messages import ChooseRoll
 from rona_core.app.steps.roll.view import (
     RollStrip,
@@ -384,6 +384,19 @@ def test_a_refused_plan_says_why_and_where_and_blocks_the_scan(refused: Session)
     panel = FakeGui()
     RollPanel(panel, recorder.context).render(None, at)
     assert "Refused: clearance from the head" in panel.html()
+    assert NO_CLEARANCE not in html
+    derived = refused.results.roll
+    assert derived is not None
+    seen = derived.value.certificate
+    rows = tuple(one for one in seen.checks if not one.name.startswith("clearance"))
+    hasty = replace(rows[0], name="joint speed", holds=False)
+    unseen = replace(seen, checks=(hasty, *rows[1:]), min_clearance_mm=None)
+    plan = replace(derived.value, certificate=unseen)
+    results = replace(refused.results, roll=replace(derived, value=plan))
+    ChecksPanel(gui, recorder.context).render(
+        None, snapshot(replace(refused, results=results), view=ROLL)
+    )
+    assert NO_CLEARANCE in gui.html()
     states = {step.name: step for step in step_states(refused)}
     assert states["roll"].state == "ready"
     assert "refused by the verifier" in states["roll"].reason

@@ -14,6 +14,7 @@ from rona_core.robot.verification.certificate import Certificate, Check
 from rona_core.session.document import Session
 
 DURATION, CLEARANCE = FIGURES["scan_duration_s"], FIGURES["min_clearance_mm"]
+NO_CLEARANCE = "Clearance was not checked: it is checked where all else holds"
 
 
 def plan_reason(session: Session) -> str | None:

@@ -8,7 +8,7 @@ import numpy as np
 from rona_core.app.declarations.declarations import ActivityContext
 from rona_core.app.dependencies.staleness import capture_setup_digest, session_obstacles
 from rona_core.app.runtime.recording import HEAD_HZ, begin, finish
-from rona_core.app.steps.scan.force_controlled_scan import ContactLoop
+from rona_core.app.steps.scan.force_controlled_scan import MOST_CLOCK_SCANS, ContactLoop
 from rona_core.app.steps.scan.inputs import usable_second
 from rona_core.app.steps.tool.robot_motion import STOPPED, FreeMoves, drive_to, require_certified
 from rona_core.devices.live import RecordedSoFar
@@ -146,6 +146,8 @@ def capture_scan(
 ) -> ScanCapture:
     """Execute the certified plan and record an A-scan every ``pitch_mm`` along the path.
 
+    The clocks are compared in the first pass alone: all poses are looked up by its delay.
+
     Raises:
         NotReachableError: there is no plan, the verifier did not certify it, or there is no room
             for the force loop.
@@ -167,9 +169,13 @@ def capture_scan(
         if contact is None:
             drive_to(trajectory.qs_rad[0], session, context)
             ordinal = begin(session, context)
-            recorded = _by_position(trajectory, places_s, model, context)
+            clock_s = _clock_times(trajectory, model) if kind == "scan" else np.zeros(0)
+            recorded = _by_position(trajectory, places_s, clock_s, context)
         else:
-            ordinal, recorded = _in_contact(trajectory, places_s, contact, model, session, context)
+            most_clock_scans = MOST_CLOCK_SCANS if kind == "scan" else 0
+            ordinal, recorded = _in_contact(
+                trajectory, places_s, contact, model, most_clock_scans, session, context
+            )
     finally:
         context.live.put(recorded=None)
     if recorded.partial and not recorded.scans:
@@ -203,6 +209,7 @@ def _in_contact(
     places_s: Floats,
     contact: ContactSettings,
     model: RobotModel,
+    most_clock_scans: int,
     session: Session,
     context: ActivityContext,
 ) -> tuple[int, Recorded]:
@@ -213,6 +220,7 @@ def _in_contact(
     ordinal = begin(session, context)
     load = identify_payload(trajectory.qs_rad[0], model, around, context)
     loop = ContactLoop(trajectory, band, places_s, contact, load, model, context)
+    loop.most_clock_scans = most_clock_scans
     loop.run()
     return ordinal, Recorded(
         scans=loop.scans,
@@ -225,13 +233,12 @@ def _in_contact(
 
 
 def _by_position(
-    trajectory: Trajectory, places_s: Floats, model: RobotModel, context: ActivityContext
+    trajectory: Trajectory, places_s: Floats, clock_s: Floats, context: ActivityContext
 ) -> Recorded:
     """Drive the motion as it is; the compliance of the probe bridges what the map is off."""
     rig, clock = context.rig, context.rig.clock
     motion = rig.robot.move(trajectory.times_s, trajectory.qs_rad)
     recorded = Recorded(joints=[rig.robot.state()])
-    clock_s = _clock_times(trajectory, model)
     last_s = min(
         max(clock_s.max(initial=0.0), places_s[-1]) + AFTER_S, float(trajectory.times_s[-1])
     )

@@ -46,7 +46,12 @@ COLLECT = 32  # A-scans that are fetched from the probe at once
 
 
 class ContactLoop:
-    """One scan in contact; ``run`` carries it out, the lists hold what it recorded."""
+    """One scan in contact; ``run`` carries it out, the lists hold what it recorded.
+
+    Attributes:
+        most_clock_scans: A-scans that are fired at most while the probe comes and leaves, to
+            compare the clocks; 0 where they are known.
+    """
 
     def __init__(
         self,
@@ -72,7 +77,7 @@ class ContactLoop:
         self.scans: list[AScan] = []
         self.clock_scans: list[AScan] = []
         self.joints: list[JointSample] = []
-        self.partial = False
+        self.partial, self.most_clock_scans = False, MOST_CLOCK_SCANS
         self.near_s: float | None = None  # when the probe came near the bone
         self._rows: list[LoopRow] = []
         self._shown: ForceNow | None = None
@@ -194,7 +199,7 @@ class ContactLoop:
             left_s = self._trajectory.scan_start_s - reached_s
             feed = min(feed, max(left_s, 0.0) / self._settings.period_s)
         touching = command.state in (APPROACH, CONTACT) and force_n > TOUCH_N
-        if touching and not self._pressed_on and self._n_clock < MOST_CLOCK_SCANS // 2:
+        if touching and not self._pressed_on and self._n_clock < self.most_clock_scans // 2:
             self._fire_for(self.clock_scans)
         return command.state, command.velocity_mm_per_s, feed
 
@@ -204,7 +209,7 @@ class ContactLoop:
         feed = min(1.0, self._feed + FALL_PER_S * period_s)
         lifted_mm = float(self._lift_mm[self._index(reached_s)])
         early = reached_s < self._trajectory.scan_end_s + LIFT_SCANS_S
-        if early and self._n_clock < MOST_CLOCK_SCANS:
+        if early and self._n_clock < self.most_clock_scans:
             self._fire_for(self.clock_scans)
         if lifted_mm < min(LIFTED_MM, float(self._lift_mm[self._index(self._line_end_s)]) - 0.1):
             return RETRACT, 0.0, feed

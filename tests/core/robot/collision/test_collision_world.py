@@ -200,7 +200,7 @@ def test_levers_bound_every_motion():
     bounds = collision_bodies(RX90)
     for q in random_qs(20, 8):
         step = rng.normal(0, 0.05, 6)
-        most = np.abs(step) @ WORLD.levers_mm
+        most = np.abs(step) @ WORLD._bodies.levers_mm
         before, after = RX90.joint_poses(q), RX90.joint_poses(q + step)
         for bound in bounds:
             moved = after[bound.link] @ bound.vertices - before[bound.link] @ bound.vertices

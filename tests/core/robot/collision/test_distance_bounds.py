@@ -27,6 +27,7 @@ from rona_core.robot.redundancy.margins import MarginLimits
 from rona_core.robot.trajectory.joint_moves import joint_move
 from rona_core.robot.trajectory.trajectory import sampled_motion
 from rona_core.robot.verification.motion_checks import _nearest, dense_motion, judged
+from rona_core.robot.verification.tolerances import DENSITY
 from tests.scenes.patch_scenes import scene_model, scene_path
 
 ROBOTS = ("rx90", "ur5", "ur10")
@@ -38,6 +39,12 @@ class Exhaustive(CollisionWorld):
 
     def nearest_mm(self, qs_rad):
         return self.distances_mm(qs_rad)
+
+    def bounds_mm(self, qs_rad):
+        return self.distances_mm(qs_rad)
+
+    def least_of_all(self, qs_rad, bounds_mm):
+        return bounds_mm.min(axis=0), bounds_mm.argmin(axis=0)
 
     def clear(self, qs_rad):
         return (self.distances_mm(qs_rad) >= self.least_mm).all(axis=1)
@@ -123,18 +130,45 @@ def test_of_every_obstacle_the_nearest_pair_is_known_everywhere(worlds):
 
 
 @pytest.mark.sweep(1)
+def test_bounds_are_no_more_than_the_distances_and_close_where_it_matters(worlds):
+    model, seed, world, exhaustive = worlds
+    for qs in motions(seed, model)[:5]:
+        found, every = world.bounds_mm(qs), exhaustive.distances_mm(qs)
+        assert (found <= every).all()
+    slow = motions(seed, model)[0]
+    kept, nearest = (
+        of.min(axis=1) for of in (world.bounds_mm(slow), exhaustive.distances_mm(slow))
+    )
+    assert np.median(nearest - kept) < 1.0
+
+
+@pytest.mark.sweep(1)
+def test_over_a_motion_the_nearest_of_every_obstacle_is_that_of_every_pair(worlds):
+    model, seed, world, exhaustive = worlds
+    for qs in motions(seed, model)[:5]:
+        every = exhaustive.distances_mm(qs)
+        least, at = world.least_of_all(qs, world.bounds_mm(qs))
+        for kind in {(pair.group, pair.least_mm) for pair in world.pairs}:
+            of_kind = np.array([(pair.group, pair.least_mm) == kind for pair in world.pairs])
+            assert least[of_kind].min() == pytest.approx(every[:, of_kind].min(), abs=SAME_MM)
+        known = np.isfinite(least)
+        np.testing.assert_allclose(least[known], every[at, np.arange(len(at))][known], atol=SAME_MM)
+
+
+@pytest.mark.sweep(1)
 def test_the_certificate_is_that_of_every_pair(worlds):
     model, seed, world, exhaustive = worlds
     for goal in motions(seed, model)[1][[20, -1]]:
         dense = dense_motion(model, sampled_motion(joint_move(model, model.home_rad, goal)))
         found, wanted = (judged(w, _nearest(w, dense)) for w in (world, exhaustive))
         for check, other in zip(found[0], wanted[0], strict=True):
-            assert (check.name, check.index, check.holds) == (
-                other.name,
-                other.index,
-                other.holds,
-            )
+            assert (check.name, check.holds) == (other.name, other.holds)
             assert check.value == pytest.approx(other.value, abs=SAME_MM)
+            if check.index != other.index:  # as near there
+                places = slice(DENSITY * check.index, DENSITY * (check.index + 1) + 1)
+                here = exhaustive.distances_mm(dense.qs_rad[places])
+                of_group = [pair.group in check.name for pair in world.pairs]
+                assert here[:, of_group].min() == pytest.approx(check.value, abs=SAME_MM)
         assert found[1] == pytest.approx(wanted[1], abs=SAME_MM)
 
 

@@ -3,6 +3,7 @@
 import pickle
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -13,7 +14,11 @@ from rona_core.geometry.pose import Poses
 from rona_core.robot.collision.obstacles import NOTHING_AROUND
 from rona_core.robot.kinematics.arm import BRANCHES
 from rona_core.robot.kinematics.catalog import robot_model
-from rona_core.robot.kinematics.pinocchio_model import PinocchioArm
+from rona_core.robot.kinematics.pinocchio_model import (
+    PinocchioArm,
+    joint_placements,
+    pinocchio_model,
+)
 from rona_core.robot.planning.calibration_motion import plan_tool_motion
 from rona_core.robot.planning.plan_motion import plan_scan
 from rona_core.robot.redundancy.margins import MarginLimits, compute_margins
@@ -57,6 +62,22 @@ def test_forward_agrees_with_pinocchio(name):
     ours, theirs = model.forward(qs), PinocchioArm(model).forward(qs)
     np.testing.assert_allclose(ours.translations, theirs.translations, atol=1e-7)
     np.testing.assert_allclose(ours.rotations, theirs.rotations, atol=1e-10)
+
+
+@every_arm
+def test_joints_of_many_postures_are_where_pinocchio_places_each(name):
+    built, flange = pinocchio_model(MODELS[name])
+    state, qs = built.createData(), random_joints(MODELS[name], 100)
+    rotations, places = joint_placements(built, qs)
+    flanges = PinocchioArm(MODELS[name]).forward(qs)
+    for i, q in enumerate(qs):
+        pin.framesForwardKinematics(built, state, q)
+        for joint, placed in enumerate(state.oMi):
+            np.testing.assert_allclose(rotations[i, joint], placed.rotation, atol=1e-14)
+            np.testing.assert_allclose(places[i, joint], placed.translation, atol=1e-14)
+        last = state.oMf[flange]
+        np.testing.assert_allclose(flanges.rotations[i], last.rotation, atol=1e-14)
+        np.testing.assert_allclose(flanges.translations[i], 1e3 * last.translation, atol=1e-11)
 
 
 @every_arm

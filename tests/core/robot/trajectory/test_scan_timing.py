@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.interpolate import CubicSpline
 
 from benchmarks.reference.trajectory_figures import timing_figures
 from rona_core.errors import InvalidInputError
@@ -14,7 +15,7 @@ from rona_core.robot.collision.obstacles import NOTHING_AROUND
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.robot_model import JointLimits
 from rona_core.robot.redundancy.margins import joint_path
-from rona_core.robot.trajectory.scan_timing import ScanSettings, time_scan
+from rona_core.robot.trajectory.scan_timing import ScanSettings, sample_path, time_scan
 from rona_core.robot.trajectory.time_parameterization import (
     GRID_MM,
     NARROWEST_MM,
@@ -23,7 +24,7 @@ from rona_core.robot.trajectory.time_parameterization import (
     blend_corners,
     parameterize_time,
 )
-from rona_core.robot.trajectory.trajectory import Trajectory
+from rona_core.robot.trajectory.trajectory import SAMPLE_S, Trajectory
 from rona_core.robot.verification.verifier import verify_scan
 from tests.helpers.roll_search import search_rolls
 from tests.scenes.patch_scenes import dense_path
@@ -160,6 +161,30 @@ def test_a_slower_stretch_is_nowhere_passed_faster_wherever_it_begins_in_the_gri
             timed.way_at(times), way, np.concatenate(([0.0], np.cumsum(np.diff(way) / feeds[1:])))
         )
         assert (np.diff(least_s) / times[1]).max() <= 1.001
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_no_sample_is_faster_than_its_feed_and_all_of_them_are_on_the_path(seed):
+    """Random corners 2 mm apart and random feeds, as of a burr; limits of the joints are wide."""
+    rng = np.random.default_rng(seed)
+    corners = RX90.home_rad + np.cumsum(rng.normal(0.0, 1.5e-3, (25, 6)), axis=0)
+    qs = np.stack([np.interp(np.arange(193) / 8.0, np.arange(25), q) for q in corners.T], axis=1)
+    way = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(probe(qs).translations, axis=0), axis=1)))
+    path = blend_corners(way, qs, RX90, 0.04)
+    feeds = rng.uniform(1.0, 8.0, 25)[(np.arange(len(path.way_mm)) * 25) // len(path.way_mm)]
+    limits = SpeedLimits(float(feeds.max()), 250.0, 2500.0)
+    ways, driven = sample_path(path.way_mm, path.qs_rad, path.points_base, limits, RX90, feeds)
+    assert (np.diff(ways) >= 0.0).all()
+    np.testing.assert_array_equal(ways[[0, -1]], path.way_mm[[0, -1]])
+    on_path = CubicSpline(path.way_mm, path.qs_rad, bc_type="natural")(ways)
+    np.testing.assert_allclose(driven, on_path, rtol=0.0, atol=1e-12)
+    moved = np.linalg.norm(np.diff(probe(driven).translations, axis=0), axis=1)
+    passed = np.append(0.0, np.cumsum(np.diff(path.way_mm) / feeds[1:]))
+    pace = np.diff(np.interp(ways, path.way_mm, passed)) / np.maximum(np.diff(ways), 1e-9)
+    share = np.maximum(moved, np.diff(ways)) * pace / SAMPLE_S
+    assert share.max() <= 1.0
+    assert share.max() > 0.8, "little slower than needed"
 
 
 def test_slow_joints_hold_the_scan_back():

@@ -147,6 +147,18 @@ def test_a_collision_is_caught_though_all_else_holds(move):
     ]
 
 
+def test_clearance_is_checked_where_all_else_holds_and_not_spoken_of_elsewhere(move):
+    middle = len(move.qs_rad) // 2
+    around = ball(tips(move.qs_rad[middle : middle + 1])[0])
+    hasty = Motion(move.times_s / 100.0, move.qs_rad)
+    certificate = verify_motion(RX90, hasty, obstacles=around)
+    assert "joint speed" in names(certificate)
+    assert not [check for check in certificate.checks if check.name.startswith("clearance")]
+    assert certificate.min_clearance_mm is None
+    assert not certificate.certified
+    assert names(verify_motion(RX90, move, obstacles=around)) == ["clearance from the ball"]
+
+
 def test_margins_are_kept_exactly(move):
     """A ball beside the tip at rest: the least distance decides to a hundredth of a millimetre."""
     still = Motion(np.array((0.0, 1.0)), np.repeat(RX90.home_rad[None], 2, axis=0))
@@ -411,12 +423,16 @@ def test_between_samples_it_looks_halfway_and_says_where():
     """A thing that one joint passes by, at 10 mm per radian, between samples 2 and 3."""
     asked = []
 
-    def nearest_mm(qs_rad):
+    def apart_mm(qs_rad, pairs=None):
         asked.append(qs_rad[:, 0])
         return 10.0 * np.abs(qs_rad[:, :1] - 2.3)
 
     world = SimpleNamespace(
-        nearest_mm=nearest_mm, least_mm=np.zeros(1), levers_mm=10.5 * np.eye(6)[0]
+        bounds_mm=apart_mm,
+        least_of_all=lambda qs_rad, bounds: (bounds.min(axis=0), bounds.argmin(axis=0)),
+        distances_mm=apart_mm,
+        least_mm=np.zeros(1),
+        pair_levers_mm=10.5 * np.eye(6)[:, :1],
     )
     numbers = np.arange(5 * DENSITY + 1) / DENSITY
     qs = numbers[:, None] * np.eye(6)[0]  # the joint angle is the number of the sample
@@ -424,7 +440,8 @@ def test_between_samples_it_looks_halfway_and_says_where():
     places = np.concatenate(asked)
     assert found.distances_mm.tolist() == [10.0 * np.abs(places - 2.3).min()]
     assert found.numbers.tolist() == [places[np.abs(places - 2.3).argmin()]]
-    np.testing.assert_array_equal(places[:8], (0, 1, 2, 3, 4, 5, 2.5, 2.25))
+    about = np.arange(1.25, 3.0, 0.25)  # the nearest sample is 2
+    np.testing.assert_array_equal(places[:17], (0, 1, 2, 3, 4, 5, *about, 2, 3, 2.5, 2.25))
     assert np.abs(places - 2.3).min() <= 0.5**HALVINGS
 
 
