@@ -1,8 +1,8 @@
 """Surface normals: accuracy, honesty and speed, beside Open3D where it is installed.
 
-A cap of 60 degrees on a sphere of 80 mm, its axis along (1, 1, 1) where regression is worst, with
-noise of 0.35 mm per axis; normals are scored against the sphere at the query position. Then the
-demonstrations of twenty virtual patients, against the ground truth.
+A cap of 60 degrees on a sphere of 80 mm, its axis along (1, 1, 1) where noise tilts Equation 2 as
+it is printed most, with noise of 0.35 mm per axis; normals are scored against the sphere at the
+query position. Then the demonstrations of twenty virtual patients, against the ground truth.
 """
 
 import importlib
@@ -27,6 +27,8 @@ LARGE_POINTS = 100_000
 PLANE_POINTS = 120_000
 PATHS = 20
 RADIUS_MM = 6.0  # ours and the peer's
+MEDIAN_DEG = 0.365  # planes of least squares err by 0.360 on this cloud, whoever fits them
+TIMES_AS_FAST = 5.0  # as the peers, with flags and predicted errors
 GICP_NEIGHBOURS = 565  # of this cloud as many as lie within RADIUS_MM
 
 
@@ -37,7 +39,7 @@ def metrics(progress: Progress) -> list[Metric]:
         *_large_cloud(progress),
         *_rim(progress),
         *_path_alone(progress),
-        *_regression(progress),
+        *_lean(progress),
         *_demonstrations(progress),
     ]
 
@@ -72,7 +74,7 @@ def _small_cloud(progress: Progress) -> Iterator[Metric]:
     at = points[_inner(true)]
     field = NormalField(points, 8.0)
     found: dict[NormalMethod, Normals] = {
-        method: field.normals(at, method=method, viewpoint=EYE) for method in ("ols", "jet")
+        method: field.normals(at, method=method, viewpoint=EYE) for method in ("plane", "jet")
     }
     errors = angles_deg(found["jet"].normals, at)
     peer = open3d_normals(points, 8.0)
@@ -101,13 +103,13 @@ def _large_cloud(progress: Progress) -> Iterator[Metric]:
     inner = _inner(true)
 
     def fitted() -> Normals:
-        return NormalField(points, RADIUS_MM).normals(points, method="ols", viewpoint=EYE)
+        return NormalField(points, RADIUS_MM).normals(points, method="plane", viewpoint=EYE)
 
     errors = angles_deg(fitted().normals, points)[inner]
     rate = len(points) / cpu_ms(fitted, repeats=2) * 1e3
     peer = open3d_normals(points, RADIUS_MM)
     name = None if peer is None else "Open3D radius"
-    for share, goal in ((50.0, 0.36), (95.0, 0.75)):
+    for share, goal in ((50.0, MEDIAN_DEG), (95.0, 0.75)):
         value = None if peer is None else _unsigned_deg(peer[0], points)[inner]
         yield Metric(
             f"normals, 100 000 points, plane, {share:.0f} %",
@@ -120,13 +122,17 @@ def _large_cloud(progress: Progress) -> Iterator[Metric]:
         )
     yield Metric("normals, 100 000 points, plane, CPU", rate, "points/s", "higher")
     if peer is not None:
-        yield Metric("speed over the peer's", rate / peer[1], "1", "higher", None, name, 1.0)
+        yield Metric("speed over Open3D", rate / peer[1], "1", "higher", TIMES_AS_FAST, name, 1.0)
     known = small_gicp_normals(points, GICP_NEIGHBOURS)
     if known is not None:
         name, off = f"small_gicp, {GICP_NEIGHBOURS} neighbours", _unsigned_deg(known[0], points)
         ours, theirs = float(np.median(errors)), float(np.median(off[inner]))
-        yield Metric("normals, 100 000 points, plane", ours, "deg", "lower", None, name, theirs)
-        yield Metric("speed over small_gicp", rate / known[1], "1", "higher", None, name, 1.0)
+        yield Metric(
+            "normals, 100 000 points, plane", ours, "deg", "lower", MEDIAN_DEG, name, theirs
+        )
+        yield Metric(
+            "speed over small_gicp", rate / known[1], "1", "higher", TIMES_AS_FAST, name, 1.0
+        )
 
 
 def _rim(progress: Progress) -> Iterator[Metric]:
@@ -158,9 +164,9 @@ def _path_alone(progress: Progress) -> list[Metric]:
     ]
 
 
-def _regression(progress: Progress) -> Iterator[Metric]:
-    """Yield how far the paper's regression leans beside the closed form of its lean."""
-    progress("bias of the regression plane")
+def _lean(progress: Progress) -> Iterator[Metric]:
+    """Yield how far noise tilts planes towards an axis, as it does Equation 2 as printed."""
+    progress("lean of planes by noise")
     radius, worst = 5.0, 0.0
     rng = np.random.default_rng(19)
     for tilt in np.deg2rad((0.0, 15.0, 30.0, 40.0)):
@@ -169,12 +175,9 @@ def _regression(progress: Progress) -> Iterator[Metric]:
         flat = u[:, None] * along + v[:, None] * np.array((0.0, 1.0, 0.0))
         at = flat[(np.abs(u) < 60.0) & (np.abs(v) < 60.0)][:4000]
         field = NormalField(flat + rng.normal(0.0, SIGMA, flat.shape), radius)
-        mean = field.normals(at, method="ols", outward=(0.0, 0.0, 1.0)).normals.mean(axis=0)
-        noise = SIGMA**2 / (radius**2 * np.cos(tilt) ** 2 / 4.0 + SIGMA**2)
-        formula = np.arctan(np.tan(tilt) * (1.0 - noise))
-        worst = max(worst, float(np.abs(np.arctan2(mean[0], mean[2]) - formula)))
-    name = "lean of the regression, from the closed form"
-    yield Metric(name, float(np.rad2deg(worst)), "deg", "lower", 0.1)
+        mean = field.normals(at, method="plane", outward=(0.0, 0.0, 1.0)).normals.mean(axis=0)
+        worst = max(worst, float(np.abs(np.arctan2(mean[0], mean[2]) - tilt)))
+    yield Metric("lean of planes by noise", float(np.rad2deg(worst)), "deg", "lower", 0.1)
 
 
 def _demonstrations(progress: Progress) -> list[Metric]:

@@ -246,7 +246,7 @@ def _some_poses(strokes: tuple[PointerCapture, ...]) -> tuple[Ints, Poses]:
 def _along_normals(tips_base: Floats, cloud_base: Floats, covariances: Floats) -> float | None:
     # which side is outside does not matter for a variance
     field = NormalField(cloud_base, NORMAL_RADIUS_MM)
-    normals = field.normals(tips_base, method="ols", outward=ANY_SIDE)
+    normals = field.normals(tips_base, method="plane", outward=ANY_SIDE)
     if not normals.ok.any():
         return None
     n = normals.normals[normals.ok]

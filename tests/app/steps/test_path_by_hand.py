@@ -293,7 +293,9 @@ def test_normals_too_far_apart_or_too_unsure_for_the_probe_are_told(smoothed):
     coarse = check_path(handle(SmoothScanPath(tolerance_mm=5.0, normal_step_mm=0.0), smoothed))
     assert coarse.tilted.any()
     assert "take normals closer" in coarse.warnings[0].sentence
-    narrow = check_path(handle(SmoothScanPath(normal_method="ols", normal_radius_mm=9.0), smoothed))
+    narrow = check_path(
+        handle(SmoothScanPath(normal_method="plane", normal_radius_mm=9.0), smoothed)
+    )
     unsure = narrow.sigma_deg > narrow.tolerance_deg
     assert unsure.any()
     assert narrow.tilted[unsure].all()

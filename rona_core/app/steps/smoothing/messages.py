@@ -36,10 +36,10 @@ class SmoothScanPath:
     normal_radius_mm: float | None = number(
         None, "Normal radius", "mm", 2.0, 40.0, 1.0, none="chosen from the point cloud"
     )
-    normal_method: Literal["jet", "ols"] = choice(
+    normal_method: Literal["jet", "plane"] = choice(
         "jet",
         "Normal estimation",
-        {"jet": "Quadric", "ols": "Least squares (paper)"},
+        {"jet": "Quadric", "plane": "Plane (paper)"},
         "Surface that is fitted to the points around a path point",
     )
     normal_step_mm: float = number(

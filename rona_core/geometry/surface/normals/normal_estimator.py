@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from rona_core.geometry.arrays import Bools, Floats, Ints
+from rona_core.geometry.surface.normals.point_grid import Moments, PointGrid
 
 BATCH = 400_000  # padded neighbours handed out together
 COEFFICIENTS = 6
@@ -44,20 +44,19 @@ class Neighbourhoods:
         return np.asarray(order, dtype=np.int64), np.asarray(follows)
 
 
-def neighbourhoods(tree: KDTree, places: Floats, radius_mm: float) -> Iterator[Neighbourhoods]:
-    """Yield the neighbourhoods of all ``places`` (m, 3) that have any, a batch at a time."""
-    if not tree.n or not len(places):
-        return
-    counts = np.asarray(tree.query_ball_point(places, radius_mm, return_length=True))
+def neighbourhoods(grid: PointGrid, places: Floats, counts: Ints) -> Iterator[Neighbourhoods]:
+    """Yield the neighbourhoods of all ``places`` (m, 3) that have any, a batch at a time.
+
+    ``counts`` (m,) are the numbers of points within the radius of the grid.
+    """
     rows = np.argsort(-counts, kind="stable")[: np.count_nonzero(counts)]
     while len(rows):  # the largest come first, so that little is padded
         width = int(counts[rows[0]])
         batch, rows = np.split(rows, [max(1, BATCH // width)])
-        bound_mm = float(np.nextafter(radius_mm, np.inf))  # points at the radius count
-        nearest = tree.query(places[batch], k=width, distance_upper_bound=bound_mm)[1]
-        found = np.asarray(nearest, dtype=np.int64).reshape(len(batch), width)
-        there = found < tree.n
-        offsets = tree.data[np.where(there, found, 0)] - places[batch][:, None]
+        there = np.arange(width) < counts[batch][:, None]
+        found = np.zeros(there.shape, dtype=np.int64)
+        found[there] = grid.neighbours(places[batch])
+        offsets = grid.points[found] - places[batch][:, None]
         yield Neighbourhoods(batch, np.where(there[:, :, None], offsets, 0.0), there, found)
 
 
@@ -69,27 +68,22 @@ class Planes:
     eigenvalues: Floats  # (b, 3) variances of the points, ascending, mm^2
     centroids: Floats  # (b, 3) from the place
 
-
-def fit_tls(near: Neighbourhoods) -> Planes:
-    """Return the planes of least squared distances."""
-    return _fitted(near)[0]
-
-
-def fit_ols(near: Neighbourhoods) -> Planes:
-    """Return the paper's regression planes: Equation 2 with the largest denominator."""
-    planes, scatter = _fitted(near)
-    return Planes(_regression_normals(scatter), planes.eigenvalues, planes.centroids)
+    def select(self, rows: Ints) -> "Planes":
+        """Return those of some neighbourhoods."""
+        return Planes(self.normals[rows], self.eigenvalues[rows], self.centroids[rows])
 
 
-def _fitted(near: Neighbourhoods) -> tuple[Planes, Floats]:
-    """Return the planes by total least squares, and the scatter matrices (b, 3, 3)."""
-    weights = near.there.astype(np.float64)
-    count = np.maximum(weights.sum(axis=1), 1.0)
-    centroids = np.einsum("bk,bki->bi", weights, near.offsets) / count[:, None]
-    centred = (near.offsets - centroids[:, None]) * weights[:, :, None]
-    scatter = centred.transpose(0, 2, 1) @ centred / count[:, None, None]
-    eigenvalues, axes = np.linalg.eigh(scatter)
-    return Planes(axes[:, :, 0], np.maximum(eigenvalues, 0.0), centroids), scatter
+def fit_planes(moments: Moments) -> Planes:
+    """Return the planes of least squared distances: Equation 2 without the noise it tilts by.
+
+    Equation 2 takes all noise for errors along one axis. The least eigenvalue of the scatter is the
+    variance of the noise along the normal; with it off the diagonal the points scatter in a plane
+    exactly, and Equation 2 returns the normal of that plane.
+    """
+    eigenvalues = np.linalg.eigvalsh(moments.scatter)
+    flat = moments.scatter - eigenvalues[:, :1, None] * np.eye(3)
+    sure = np.where(eigenvalues > moments.rounding_mm2, eigenvalues, 0.0)
+    return Planes(_regression_normals(flat), sure, moments.centroids)
 
 
 def _regression_normals(scatter: Floats) -> Floats:
@@ -202,8 +196,8 @@ def _curvatures(second: Floats) -> Floats:
     return np.take_along_axis(both, order, axis=1)
 
 
-NormalMethod = Literal["jet", "ols"]
-METHODS: tuple[NormalMethod, ...] = ("jet", "ols")
+NormalMethod = Literal["jet", "plane"]
+METHODS: tuple[NormalMethod, ...] = ("jet", "plane")
 
 MIN_COUNT = 10  # points; with fewer, chance makes them look flatter than they are
 MAX_SIGMA_DEG = 5.0  # predicted; beyond it the probe hears nothing
@@ -243,36 +237,27 @@ class Estimates:
 
 
 def estimate(
-    tree: KDTree, places: Floats, radius_mm: float, method: NormalMethod, noise_mm: float | None
+    points: Floats, places: Floats, radius_mm: float, method: NormalMethod, noise_mm: float | None
 ) -> Estimates:
     """Return the normals at ``places`` (m, 3) from the points within ``radius_mm``.
 
     Args:
-        tree: The cloud.
+        points: The cloud (n, 3).
         places: Where, in the frame of the cloud.
         radius_mm: Size of the neighbourhoods.
         method: How to fit.
         noise_mm: Noise of one point, for telling relief from noise where a quadric is fitted;
             None where it is unknown: then all scatter is noise.
     """
-    m = len(places)
-    found = Estimates(
-        normals=np.zeros((m, 3)),
-        count=np.zeros(m, dtype=np.int64),
-        eigenvalues=np.zeros((m, 3)),
-        sigma_deg=np.full(m, 180.0),
-        flag=np.ones(m, dtype=np.int64),
-        noise_mm2=np.zeros(m),
-        gain=np.zeros(m),
-        curvature_per_mm=np.zeros(m),
-    )
-    for near in neighbourhoods(tree, places, radius_mm):
-        count = near.there.sum(axis=1)
-        if method == "jet":
-            part = _from_jets(near, count, radius_mm, noise_mm)
-        else:
-            part = _from_planes(fit_ols(near), count, radius_mm)
-        found.replace(near.rows, part)
+    grid = PointGrid(points, radius_mm)
+    moments = grid.moments(places)
+    planes = fit_planes(moments)
+    found = _from_planes(planes, moments.count, radius_mm)
+    if method == "jet":
+        has_plane = planes.normals.any(axis=1)
+        for near in neighbourhoods(grid, places, np.where(has_plane, moments.count, 0)):
+            part = planes.select(near.rows), moments.count[near.rows]
+            found.replace(near.rows, _from_jets(near, *part, radius_mm, noise_mm))
     return found
 
 
@@ -302,10 +287,9 @@ def _from_planes(planes: Planes, count: Ints, radius_mm: float) -> Estimates:
 
 
 def _from_jets(
-    near: Neighbourhoods, count: Ints, radius_mm: float, noise_mm: float | None
+    near: Neighbourhoods, planes: Planes, count: Ints, radius_mm: float, noise_mm: float | None
 ) -> Estimates:
     """Return normals of quadrics; scatter that exceeds the noise counts as one bump of relief."""
-    planes = fit_tls(near)
     jets = fit_jets(near, planes.normals, radius_mm)
     flag = _shape_flags(planes, count, COEFFICIENTS + MIN_SPARE)
     vague = ~jets.solved | (jets.gain * count * radius_mm**2 > MAX_GAIN * DISC_GAIN)

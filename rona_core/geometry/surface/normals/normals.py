@@ -13,7 +13,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial import KDTree
 
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.arrays import Bools, Floats, Ints, as_points, as_vector3, readonly
@@ -58,23 +57,23 @@ class RadiusChoice:
         return np.interp(radii_mm, self.radii_mm, self.lean_deg)
 
 
-def choose_radius(tree: KDTree, method: NormalMethod) -> RadiusChoice:
+def choose_radius(points: Floats, method: NormalMethod) -> RadiusChoice:
     """Return the radius to be used for ``method`` on a cloud."""
     radii: list[float] = []
     fits: list[Estimates] = []
     noise2, curvature = 0.0, 0.0
     noise = bias = np.zeros(0)
-    for radius, jet in _usable(tree):
+    for radius, jet in _usable(points):
         fit = jet
         if method != "jet":
-            fit = estimate(tree, _sample(tree), radius, method, None)
+            fit = estimate(points, _sample(points), radius, method, None)
             if np.mean((fit.flag == 0) | (fit.flag == ONE_SIDED)) < MIN_SHARE:
                 continue
         if not radii:
             noise2 = _noise_mm2(jet)
         radii.append(radius)
         fits.append(fit)
-        noise, bias = _errors(radii, fits, noise2, tree.n)
+        noise, bias = _errors(radii, fits, noise2, len(points))
         risk = noise + bias
         if risk.argmin() == len(risk) - 1:
             curvature = float(np.median(jet.curvature_per_mm[jet.flag == 0]))
@@ -92,23 +91,23 @@ def choose_radius(tree: KDTree, method: NormalMethod) -> RadiusChoice:
     )
 
 
-def measure_noise_mm(tree: KDTree) -> float | None:
+def measure_noise_mm(points: Floats) -> float | None:
     """Return the noise of one point along the normal, or None where no quadric can be fitted."""
-    for _, jet in _usable(tree):
+    for _, jet in _usable(points):
         return float(np.sqrt(_noise_mm2(jet)))
     return None
 
 
-def _sample(tree: KDTree) -> Floats:
-    return np.asarray(tree.data[:: max(1, tree.n // SAMPLES)])
+def _sample(points: Floats) -> Floats:
+    return points[:: max(1, len(points) // SAMPLES)]
 
 
-def _usable(tree: KDTree) -> Iterator[tuple[float, Estimates]]:
+def _usable(points: Floats) -> Iterator[tuple[float, Estimates]]:
     """Yield the radii, ascending, at which nearly all quadrics can be fitted, and these."""
-    if not tree.n:
+    if not len(points):
         return
     for radius in RADII_MM.tolist():
-        jet = estimate(tree, _sample(tree), radius, "jet", None)
+        jet = estimate(points, _sample(points), radius, "jet", None)
         if np.mean(jet.flag == 0) >= MIN_SHARE:
             yield radius, jet
 
@@ -244,7 +243,7 @@ class NormalField:
         if radius_mm is not None and not 0.0 < radius_mm < np.inf:
             raise InvalidInputError(f"radius_mm must be positive, not {radius_mm}")
         self._radius_mm = None if radius_mm is None else float(radius_mm)
-        self._tree = KDTree(as_points(points_base, name="points_base"))
+        self._points = as_points(points_base, name="points_base")
 
     def normals(
         self,
@@ -259,9 +258,7 @@ class NormalField:
         Args:
             at: Places in the frame of the points, mm.
             method: "jet", a quadric: right also where all points lie on one side, and over relief.
-                "ols", the paper's regression plane: one coordinate is regressed on the other two,
-                for each of the three, and the one with the largest denominator is kept; noise
-                tilts it towards that axis.
+                "plane", the plane of least squared distances, by the paper's Equation 2.
             outward: A direction (3,) that points out of the bone; or
             viewpoint: a place (3,) outside the bone, from which all of it is seen.
 
@@ -274,12 +271,12 @@ class NormalField:
         places = as_points(at, name="at")
         sides = _outward_at(places, outward, viewpoint)
         if self._radius_mm is not None:
-            noise_mm = measure_noise_mm(self._tree) if method == "jet" else None
-            found = estimate(self._tree, places, self._radius_mm, method, noise_mm)
+            noise_mm = measure_noise_mm(self._points) if method == "jet" else None
+            found = estimate(self._points, places, self._radius_mm, method, noise_mm)
             return _judged(found, sides, self._radius_mm, method, None, None)
-        choice = choose_radius(self._tree, method)
+        choice = choose_radius(self._points, method)
         noise_mm = choice.noise_mm if len(choice.radii_mm) else None
-        found = estimate(self._tree, places, choice.radius_mm, method, noise_mm)
+        found = estimate(self._points, places, choice.radius_mm, method, noise_mm)
         radii = self._widen(found, places, method, choice)
         solved = found.sigma_deg < NO_PLANE_DEG
         lean_deg = np.where(solved, choice.lean_at_deg(radii), 0.0)
@@ -302,7 +299,7 @@ class NormalField:
             poor = np.flatnonzero(refused | (shaky & (wider <= choice.radii_mm.max(initial=0.0))))
             if not len(poor):
                 break
-            more = estimate(self._tree, places[poor], wider, method, choice.noise_mm)
+            more = estimate(self._points, places[poor], wider, method, choice.noise_mm)
             before = np.hypot(found.sigma_deg[poor], choice.lean_at_deg(radii[poor]))
             after = np.hypot(more.sigma_deg, choice.lean_at_deg(np.array(wider)))
             usable = (more.flag == 0) | (more.flag == UNCERTAIN)

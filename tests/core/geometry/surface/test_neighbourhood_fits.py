@@ -7,11 +7,9 @@ from scipy.spatial.transform import Rotation
 from rona_core.geometry.surface.normals.normal_estimator import (
     Neighbourhoods,
     fit_jets,
-    fit_ols,
-    fit_tls,
+    fit_planes,
 )
-
-PLANES = [fit_tls, fit_ols]
+from rona_core.geometry.surface.normals.point_grid import PointGrid
 
 
 def near(offsets):
@@ -31,27 +29,36 @@ def discs(seed, n=6, k=40, radius=4.0):
     return np.random.default_rng(seed).uniform(-radius, radius, (n, k, 2))
 
 
-@pytest.mark.parametrize("fit", PLANES)
-def test_points_of_a_plane_have_its_normal_and_its_distance(fit):
-    R, flat = turns(0), discs(1)
-    local = np.concatenate((flat, np.full((*flat.shape[:2], 1), 0.7)), axis=2)
-    found = fit(near(local @ R.transpose(0, 2, 1)))
-    np.testing.assert_allclose(
-        np.abs(np.einsum("bi,bi->b", found.normals, R[:, :, 2])), 1.0, atol=1e-12
-    )
-    heights = np.einsum("bi,bi->b", found.centroids, R[:, :, 2])
-    np.testing.assert_allclose(heights, 0.7, atol=1e-12)
-    np.testing.assert_allclose(found.eigenvalues[:, 0], 0.0, atol=1e-14)
+def plane(points):
+    """Return the normal, variances and centroid of the plane through ``points`` (k, 3)."""
+    found = fit_planes(PointGrid(points, 100.0).moments(np.zeros((1, 3))))
+    return found.normals[0], found.eigenvalues[0], found.centroids[0]
 
 
-@pytest.mark.parametrize("fit", PLANES)
-def test_normals_turn_with_the_points(fit):
-    points = np.random.default_rng(2).normal(size=(5, 30, 3)) * (4.0, 3.0, 0.4)
+def test_points_of_a_plane_have_its_normal_and_its_distance():
+    for R, flat in zip(turns(0), discs(1), strict=True):
+        points = np.column_stack((flat, np.full(len(flat), 0.7))) @ R.T
+        normal, variances, centroid = plane(points)
+        np.testing.assert_allclose(np.abs(normal @ R[:, 2]), 1.0, atol=1e-12)
+        np.testing.assert_allclose(centroid @ R[:, 2], 0.7, atol=1e-12)
+        assert variances[0] == 0.0
+
+
+def test_normals_turn_with_the_points():
     turn = turns(3, 1)[0]
-    before, after = fit(near(points.copy())), fit(near(points @ turn.T))
-    cosines = np.abs(np.einsum("bi,bi->b", before.normals @ turn.T, after.normals))
-    # the paper's regression measures along an axis, so that it turns only nearly so
-    np.testing.assert_allclose(cosines, 1.0, atol=1e-3 if fit is fit_ols else 1e-9)
+    for points in np.random.default_rng(2).normal(size=(5, 30, 3)) * (4.0, 3.0, 0.4):
+        before, after = plane(points)[0], plane(points @ turn.T)[0]
+        np.testing.assert_allclose(np.abs(turn @ before @ after), 1.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("count", [1, 2, 30])
+def test_points_of_one_place_or_one_line_have_no_width(count):
+    place, line = np.array((7.1, -3.3, 2.7)), np.array((0.6, -0.3, 0.7))
+    _, variances, centroid = plane(np.tile(place, (count, 1)))
+    np.testing.assert_array_equal(variances, 0.0)
+    np.testing.assert_allclose(centroid, place, rtol=1e-14)
+    _, variances, _ = plane(place + np.arange(count)[:, None] * line)
+    np.testing.assert_array_equal(variances[:2], 0.0)
 
 
 def test_a_quadric_has_its_normal_curvatures_and_no_noise():
