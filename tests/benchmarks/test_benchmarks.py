@@ -89,6 +89,7 @@ def test_without_a_name_all_suites_run(monkeypatch, capsys):
     assert dict(program.SUITES) == {path.stem: path.parent.name for path in SUITES}
 
 
+@pytest.mark.sweep(8)
 @pytest.mark.parametrize("name", program.SUITES)
 def test_every_suite_gives_json_on_its_smallest_case(name, capsys):
     """Also without the peers it looks for: a figure beside one that is not here is null."""
