@@ -175,7 +175,7 @@ accuracy: $(VENV)/.product
 	$(ONE_THREAD) $(BIN)/python -m benchmarks accuracy $(if $(FULL),--full)
 
 reliability: $(VENV)/.product
-	$(ONE_THREAD) $(BIN)/python -m benchmarks $(RELIABILITY) --gate $(if $(FULL),--full)
+	$(ONE_THREAD) $(BIN)/python -m benchmarks $(RELIABILITY) $(if $(FULL),--full)
 
 constraints: $(BIN)/python
 	@rm -rf build/constraints && $(PYTHON) -m venv build/constraints

@@ -17,6 +17,7 @@ from benchmarks.reference.path.brute_force_simplification import (
 from benchmarks.reference.path.lower_bound import points_lower_bound
 from benchmarks.reference.path.path_coverage import length_mm
 from benchmarks.reference.path.removal_order import removal_order
+from benchmarks.reference.yardstick import Yardstick, pair
 from rona_core.geometry.arrays import Floats
 from rona_core.path.simplification.error_bound import ErrorBound, deviations
 from rona_core.path.simplification.simplify import METHODS, SimplifiedPath, as_keep, simplify
@@ -141,19 +142,24 @@ def strokes_kept() -> Metric:
 
 
 def times() -> list[Metric]:
-    """Return CPU times of one thread, best of five."""
+    """Return CPU times of one thread, best of five, in yardsticks and seconds."""
     short, middle = demonstration(0), demonstrated(0, FAST_POINTS)
     dense = demonstrated(0, LONG_POINTS)
     line = np.outer(np.linspace(0.0, 300.0, LONG_POINTS), (0.6, 0.0, 0.8))
     works: list[tuple[str, Callable[[], object], float | None]] = [
-        ("fewest, 307", lambda: simplify(short, TOLERANCE_MM), 50.0),
-        ("fewest, 3000", lambda: simplify(middle, TOLERANCE_MM), 1000.0),
-        ("fast, 3000", lambda: simplify(middle, TOLERANCE_MM, method="fast"), 100.0),
-        ("greedy, 20 000 in 35 s", lambda: removal_order(dense, tolerance=1.0), 2000.0),
-        ("greedy, 20 000 on a line", lambda: removal_order(line, tolerance=1.0), 2000.0),
+        ("fewest, 307", lambda: simplify(short, TOLERANCE_MM), 0.05),
+        ("fewest, 3000", lambda: simplify(middle, TOLERANCE_MM), 1.0),
+        ("fast, 3000", lambda: simplify(middle, TOLERANCE_MM, method="fast"), 0.1),
+        ("greedy, 20 000 in 35 s", lambda: removal_order(dense, tolerance=1.0), 2.0),
+        ("greedy, 20 000 on a line", lambda: removal_order(line, tolerance=1.0), 2.0),
         ("greedy with Fréchet, 3000", lambda: simplify(middle, 1.0, method="greedy"), None),
     ]
-    return [Metric(f"CPU, {n}", cpu_ms(work), "ms", "lower", goal) for n, work, goal in works]
+    yardstick, metrics = Yardstick(), list[Metric]()
+    for name, work, goal_s in works:
+        spent_s = cpu_ms(work) / 1e3
+        yardstick.lay()
+        metrics += pair(f"CPU, {name}", spent_s, yardstick.median_s, goal_s)
+    return metrics
 
 
 def beside_peers() -> list[Metric]:
