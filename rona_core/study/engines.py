@@ -21,6 +21,10 @@ T = TypeVar("T")
 TRIES = 2  # of a patient whose worker dies
 CONNECT_S = 10.0
 INSTALL = "pip install 'rona[study]'"
+OF_DASK = {
+    "distributed.scheduler.allowed-failures": TRIES - 1,
+    "distributed.worker.profile.enabled": False,  # it looks at the stack a hundred times a second
+}
 
 
 class WorkerDiedError(RonaError):
@@ -152,7 +156,7 @@ def _dask(scheduler: str | None, workers: int) -> Generator[Engine]:
             yield _Dask(client, f"{len(threads)} workers of {scheduler}")
         return
     with (
-        dask.config.set({"distributed.scheduler.allowed-failures": TRIES - 1}),
+        dask.config.set(OF_DASK),
         LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=":0") as cluster,
         Client(cluster) as client,
     ):
