@@ -6,11 +6,12 @@ be changed without measuring again what is written in yardsticks (``benchmarks/s
 """
 
 import statistics
+from collections.abc import Callable
 from time import process_time
 
 import numpy as np
 
-from benchmarks.metric import Metric
+from benchmarks.metric import Metric, cpu_ms
 
 REFERENCE_S = 0.077  # of a yardstick, on the machine for which goals are given in seconds
 SMALL_ROUNDS, MEDIUM_ROUNDS = 2000, 16  # half of the time each, about
@@ -77,3 +78,19 @@ def pair(name: str, spent_s: float, yardstick_s: float, goal_s: float | None) ->
         Metric(name, spent_s / yardstick_s, "yardsticks", "lower", goal),
         Metric(f"{name}, absolute", spent_s, "s", "lower"),
     ]
+
+
+def beside_peer(
+    name: str,
+    work: Callable[[], object],
+    goal_s: float,
+    peer: str | None,
+    theirs: Callable[[], object] | None,
+) -> Metric:
+    """Return the CPU time of ``work`` in yardsticks with its goal, and of a peer's where it is."""
+    yardstick, ours_ms = Yardstick(), cpu_ms(work)
+    peer_ms = None if theirs is None else cpu_ms(theirs)
+    yardstick.lay()
+    ms = 1e3 * yardstick.median_s
+    of_peer = None if peer_ms is None else peer_ms / ms
+    return Metric(name, ours_ms / ms, "yardsticks", "lower", goal_s / REFERENCE_S, peer, of_peer)

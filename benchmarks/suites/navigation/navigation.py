@@ -9,10 +9,11 @@ from typing import get_args
 
 import numpy as np
 
-from benchmarks.cases.pivot_sweeps import pivot_metrics
+from benchmarks.cases.pivot_sweeps import CALIBRATION_S, pivot_metrics
 from benchmarks.cases.pointer_map import pointer_map_metrics
 from benchmarks.cases.registration import registration_metrics
-from benchmarks.metric import Metric, Progress, cpu_ms, over_seeds
+from benchmarks.metric import Metric, Progress, over_seeds
+from benchmarks.reference.yardstick import beside_peer
 from rona_core.app.declarations.figures import limit_of
 from rona_core.calibration.hand_eye.tool_registration import register_tool
 from rona_core.calibration.handheld.pointer import calibrate_pointer
@@ -56,17 +57,16 @@ def run(progress: Progress) -> list[Metric]:
             [error_mm(sweep, method) for sweep in sweeps],
             "mm",
             "lower",
-            peer=peer_name,
-            peer_value=float(np.median(peer_errors)) if peer_errors else None,
+            peer=peer_name if method == "ml" else None,  # a sphere leaves orientations aside
+            peer_value=float(np.median(peer_errors)) if peer_errors and method == "ml" else None,
         )
     metrics.append(
-        Metric(
+        beside_peer(
             "pointer calibration, CPU",
-            cpu_ms(lambda: error_mm(sweeps[0], "sphere")),
-            "ms",
-            "lower",
-            peer=peer_name,
-            peer_value=cpu_ms(lambda: peer(sweeps[0])) if peer else None,
+            lambda: error_mm(sweeps[0], "sphere"),
+            CALIBRATION_S,
+            peer_name,
+            (lambda: peer(sweeps[0])) if peer else None,
         )
     )
     progress(f"{TRIALS} tool registrations")

@@ -280,7 +280,7 @@ def _from_planes(planes: Planes, count: Ints, radius_mm: float) -> Estimates:
         eigenvalues=planes.eigenvalues,
         sigma_deg=np.where(solid, np.minimum(sigma, 180.0), 180.0),
         flag=flag,
-        noise_mm2=thin,
+        noise_mm2=thin.copy(),  # no view: quadrics put their own noise in its place
         gain=np.where(solid, gain, 0.0),
         curvature_per_mm=np.zeros(len(count)),
     )

@@ -102,7 +102,10 @@ def test_normals_of_a_sphere_stay_under_two_degrees():
 def test_the_plane_is_that_of_least_squared_distances():
     rng = np.random.default_rng(5)
     points, at = skull(rng, n=1500)
-    found = NormalField(points, 8.0).normals(at, method="plane", outward=(0, 0, 1))
+    field = NormalField(points, 8.0)
+    found = field.normals(at, method="plane", outward=(0, 0, 1))
+    quadric = field.normals(at, method="jet", outward=(0, 0, 1))
+    np.testing.assert_array_equal(quadric.eigenvalues, found.eigenvalues)
     for place, normal, variances in zip(at, found.normals, found.eigenvalues, strict=True):
         near = points[np.linalg.norm(points - place, axis=1) <= 8.0]
         _, sizes, axes = np.linalg.svd(near - near.mean(axis=0))
