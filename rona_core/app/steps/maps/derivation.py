@@ -87,8 +87,7 @@ def find_inner_boundary(
 ) -> Detection:
     """Find the inner boundary in the further passes.
 
-    The outer boundary is that of the first pass, and so is the attenuation of the bone: the nominal
-    one where no echo of the first pass shows it.
+    The outer boundary is that of the first pass, and so is the attenuation of the bone.
     """
     first, excitation = known.first, known.settings.excitation
     return detect_again(
@@ -109,11 +108,10 @@ def detect_again(
     """Find the inner boundary in further passes; arguments as of `FurtherSurvey`."""
     maps = outer_maps(first, message.cell_mm)
     parts: list[Detection] = []
-    loss = 1.0 if first.found.bone_loss is None else first.found.bone_loss
     for number, one in enumerate(passes):
         poses = places.poses(one)
         known_mm = standoffs_mm(maps.outer, poses) + maps.late_mm
-        survey = Survey(one.scans, poses, first.probe, excitation, known_mm, loss)
+        survey = Survey(one.scans, poses, first.probe, excitation, known_mm, first.found.bone_loss)
         here_mm = known_mm + standoff_offset_mm(survey.of_probe(), known_mm)
         survey = replace(survey, known_standoff_mm=here_mm)
         share = partial(_share, progress, number / len(passes), 1.0 / len(passes))
