@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -66,6 +67,50 @@ def test_the_library_neither_asserts_nor_prints():
             if is_print or isinstance(node, ast.Assert):
                 found.append(f"{path.relative_to(ROOT)}:{node.lineno}")
     assert not found
+
+
+def is_a_set(node: ast.AST) -> bool:
+    """Whether an expression is visibly a set, whose order differs from process to process."""
+    if isinstance(node, ast.BinOp):
+        return is_a_set(node.left) or is_a_set(node.right)
+    called = node.func if isinstance(node, ast.Call) else None
+    named = isinstance(called, ast.Name) and called.id in ("set", "frozenset")
+    return named or isinstance(node, ast.Set | ast.SetComp)
+
+
+def ordered_by_sets(tree: ast.AST) -> Iterator[int]:
+    """Yield the lines of loops and lists that follow the order of a set."""
+    for node in ast.walk(tree):
+        over = [node.iter] if isinstance(node, ast.For) else []
+        if isinstance(node, ast.ListComp | ast.DictComp | ast.GeneratorExp):
+            over = [part.iter for part in node.generators]
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+            over = node.args if node.func.id in ("list", "tuple", "enumerate") else []
+        yield from (node.lineno for one in over if is_a_set(one))
+
+
+def test_nothing_follows_the_order_of_a_set():
+    """It differs between processes, and so would the bits of what follows it."""
+    found = [
+        f"{path.relative_to(ROOT)}:{line}"
+        for path in modules("rona_core")
+        for line in ordered_by_sets(structure.tree(path))
+    ]
+    assert not found
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "[x for x in {*names}]",
+        "for x in set(names): pass",
+        "list(set(a) | set(b))",
+        "dict((x, 1) for x in {a, b})",
+    ],
+)
+def test_an_order_by_a_set_is_found(source):
+    assert list(ordered_by_sets(ast.parse(source))) == [1]
+    assert not list(ordered_by_sets(ast.parse("sorted({*names}); {x for x in names}")))
 
 
 def test_what_the_bone_is_made_of_is_read_by_the_virtual_devices_alone():

@@ -12,7 +12,7 @@ def test_the_page_of_figures_is_written_from_the_list():
     page = metrics_page.PAGE.read_text("utf-8")
     assert metrics_page.with_tables(page) == page, "run `make metrics`"
     names = [name for _, name, _ in metrics_page.TABLE.findall(page)]
-    assert sorted(names) == sorted([*SECTIONS, "Results page", "Limits"])
+    assert sorted(names) == sorted([*SECTIONS, "Limits"])
 
 
 def test_meanings_name_figures_that_there_are():
