@@ -194,7 +194,9 @@ class CollisionWorld:
         self._planes = SeparatingPlanes(self.pairs, bodies, obstacles.things)
         self._counted = self.least_mm >= 0.0
         kinds = [(pair.group, pair.least_mm) for pair in self.pairs]
-        self._kinds = [np.array([kind == other for other in kinds]) for kind in dict.fromkeys(kinds)]
+        self._kinds = [
+            np.array([kind == other for other in kinds]) for kind in dict.fromkeys(kinds)
+        ]
 
     def _own_pairs(self, model: RobotModel) -> list[Pair]:
         """Return which parts of the robot can meet.
