@@ -226,3 +226,42 @@ def test_one_version_everywhere():
 
 def test_the_page_of_settings_is_that_of_the_declarations():
     assert text(settings_page.PAGE) == settings_page.page(), "run `make settings`"
+
+
+IN_README = {  # row of its table -> figure of docs/results.md
+    "surface cloud, RMS error": "surface_rms_mm",
+    "outer boundary, RMS error": "outer_rms_mm",
+    "inner boundary, RMS error": "inner_rms_mm",
+    "thickness, RMS error": "thickness_rms_mm",
+}
+
+
+def cells(page, start):
+    """The cells of the one row of a page whose first cell has some words."""
+    rows = [
+        [cell.strip() for cell in line.strip().strip("|").split("|")]
+        for line in page.splitlines()
+        if line.startswith("|")
+    ]
+    (found,) = [row for row in rows if start in row[0]]
+    return found
+
+
+@pytest.mark.parametrize("words", IN_README)
+def test_the_table_of_the_readme_has_the_figures_of_the_results(words):
+    _, _, _, median, _, worst, _, _ = cells(text(DOCS / "results.md"), f"`{IN_README[words]}`")
+    stated = cells(text(ROOT / "README.md"), words)[1]
+    assert stated == f"{median.removesuffix(' mm')} ({worst.removesuffix(' mm')}) mm"
+
+
+@pytest.mark.parametrize(
+    ("words", "share"),
+    [
+        ("patients with both boundaries", "Both maps cover at least 95% of the region"),
+        ("patients without a safe bed", "No safe bed"),
+    ],
+)
+def test_the_shares_of_the_readme_are_those_of_the_results(words, share):
+    stated = cells(text(ROOT / "README.md"), words)[1]
+    _, patients, percent = cells(text(DOCS / "results.md"), share)
+    assert stated == f"{patients}: {percent}"

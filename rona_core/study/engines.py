@@ -139,12 +139,12 @@ def _unseen(share: float) -> None:
 
 @contextmanager
 def _dask(scheduler: str | None, workers: int) -> Generator[Engine]:
-    import dask  # pyright: ignore[reportMissingImports]
+    import dask.config
     from distributed import Client, LocalCluster  # pyright: ignore[reportMissingImports]
 
     if scheduler is not None:
         try:
-            client = Client(scheduler, timeout=CONNECT_S)
+            client: Any = Client(scheduler, timeout=CONNECT_S)
             client.wait_for_workers(1, timeout=CONNECT_S)
         except (OSError, ValueError, TimeoutError) as error:
             words = f"no scheduler of Dask with a worker answers at {scheduler}"

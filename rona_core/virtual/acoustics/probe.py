@@ -34,10 +34,6 @@ REPEATED = 0.03  # share of a shot's noise that is locked to the clock, so that 
 class Layered(Protocol):
     """A specimen that knows the boundaries of its bone."""
 
-    def ray(self, origins_skull: Floats, directions_skull: Floats) -> Floats:
-        """Return distances (n,) along rays to the outer boundary, infinite where one misses."""
-        ...
-
     def layers(self, origins_skull: Floats, directions_skull: Floats) -> Floats:
         """Return distances (n, 4) along rays to the outer boundary, diploe, inner table, inner.
 
@@ -172,7 +168,7 @@ class VirtualProbe:
             return poses
         axes = poses.rotations[:, :, 2]
         starts = poses @ np.array((0.0, 0.0, -RETREAT_MM))
-        gap_mm = self._specimen.ray(starts, axes) - RETREAT_MM
+        gap_mm = self._specimen.layers(starts, axes)[:, 0] - RETREAT_MM
         pressed_mm = np.where(np.isfinite(gap_mm), np.maximum(-gap_mm, 0.0), 0.0)
         back_mm = friction * LINE_N_PER_MM / SHEAR_N_PER_MM * pressed_mm
         shifts = -back_mm[:, None] * self._sliding(times_s)
