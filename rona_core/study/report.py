@@ -165,7 +165,7 @@ class FigureLine:
     figure: Figure
     sample: Floats  # (n,)
     quantiles: tuple[Estimate, Estimate, Estimate]  # 5 %, median, 95 %
-    worst: str
+    worst: str  # empty where there is no limit
     limit: str
     beyond: Share | None
 
@@ -182,7 +182,7 @@ def figure_lines(rows: Sequence[Row]) -> dict[str, list[FigureLine]]:
                     figure,
                     sample,
                     (quantile(sample, 0.05), quantile(sample, 0.5), quantile(sample, 0.95)),
-                    figure.words(worst(sample, figure)),
+                    "" if figure.limit is None else figure.words(worst(sample, figure)),
                     limit and f"{sign} {limit}",
                     beyond_limit(rows, figure),
                 )
