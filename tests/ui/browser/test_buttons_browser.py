@@ -69,7 +69,20 @@ def click_what_leads_on(surgeon: Surgeon) -> str:
                     return said
         return None
 
-    return str(wait_for(found, "a button that leads on"))
+    try:
+        return str(wait_for(found, "a button that leads on"))
+    except AssertionError as error:
+        raise AssertionError(f"{error}: {what_is_shown(surgeon)}") from error
+
+
+def what_is_shown(surgeon: Surgeon) -> str:
+    """Return the title, the states, what is to be done by REST, and every button there is."""
+    title = surgeon.frame.locator(".r-title").first.inner_text()
+    buttons = [
+        f"{button.inner_text()!r} {'' if button.is_enabled() else 'disabled'}"
+        for button in surgeon.frame.locator("button:visible").all()
+    ]
+    return f"{title}, {surgeon.states()}, next {next_stage(surgeon)!r}, {buttons}"
 
 
 @pytest.mark.parametrize("seed", range(5))
