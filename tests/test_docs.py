@@ -257,7 +257,7 @@ def test_the_table_of_the_readme_has_the_figures_of_the_results(words):
 @pytest.mark.parametrize(
     ("words", "share"),
     [
-        ("patients with both boundaries", "Both maps cover at least 95% of the region"),
+        ("patients with no inner boundary", "No inner map"),
         ("patients without a safe bed", "No safe bed"),
     ],
 )
