@@ -12,12 +12,12 @@ from scipy import stats
 
 from rona_core.app.declarations.figures import FIGURES, Figure
 from rona_core.app.overview.acceptance import verdict
+from rona_core.app.overview.bed_risk import CONFIDENCE, interval
 from rona_core.geometry.arrays import Floats
 from rona_core.study.patient import Row
 from rona_core.study.plan import Plan, Range, number
 from rona_core.study.study import is_failure
 
-CONFIDENCE = 0.95
 FEWEST = 10  # patients, below which neither sensitivity nor calibration is stated
 RESAMPLES = 999
 BANDS = 3
@@ -44,8 +44,7 @@ class Share:
     @property
     def estimate(self) -> Estimate:
         """The share of one."""
-        found = stats.binomtest(self.count, self.of).proportion_ci(CONFIDENCE, "exact")
-        return Estimate(self.count / self.of, float(found.low), float(found.high))
+        return Estimate(self.count / self.of, *interval(self.count, self.of))
 
 
 @dataclass(frozen=True, slots=True)

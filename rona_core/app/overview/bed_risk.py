@@ -23,7 +23,7 @@ from rona_core.errors import SessionFormatError
 from rona_core.session.document import Session, Setup
 
 KEPT = Path(__file__).with_name("studied_beds")
-CONFIDENCE = 0.95  # of the bound, which is one-sided
+CONFIDENCE = 0.95  # of the upper bound, one-sided, and of intervals, two-sided
 CLASSES = (0.99, 0.999)  # lower ends of the classes of predicted probability
 MOST_DIFFERENCES = 3  # that are named
 OPTIONAL = {  # results without which a bed is found, too: what a session then lacks
