@@ -23,6 +23,7 @@ from rona_core.study.statistics import (
     quantile,
     shares,
 )
+from rona_ui.cli import main
 
 RNG = np.random.default_rng(7)
 
@@ -228,13 +229,15 @@ def bed_rows(study):
     return [{**one, "completed": True, **more} for one, more in zip(head, found, strict=True)]
 
 
-def test_the_beds_of_a_study_are_counted_with_the_settings_that_all_have(demo, tmp_path):
+def test_the_beds_of_a_study_are_counted_with_the_settings_that_all_have(demo, tmp_path, capsys):
     study = plan_of(tomllib.loads(BEDS), "beds", BEDS)
     folder, rows = StudyFolder(tmp_path), bed_rows(study)
     (tmp_path / "plan.toml").write_text(BEDS)
     for row in rows:
         folder.write_row(row)
     assert beds_file(folder) is None, "no session has the settings"
+    assert main(["study", "report", str(tmp_path)]) == 0
+    assert "no beds.json: it takes" in capsys.readouterr().out
     folder.write_session(rows[1]["key"], session_bytes(demo))
     found = read_beds(beds_file(folder))
     assert found.beds == ((0.9995, 1.5), (0.995, 0.9), (1.0, 2.5))

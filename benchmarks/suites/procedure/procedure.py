@@ -11,7 +11,6 @@ from benchmarks.timed_procedure import share_metrics, timed_procedure
 from rona_core.app.declarations.figures import FIGURES
 from rona_core.compose import DemoSkull, run_demo
 from rona_core.devices.world_settings import REALISTIC_WORLD, WorldSettings
-from rona_core.session.document import Session
 
 SEEDS = range(10)
 SKULLS = ("skull_c_mask.nrrd", "skull_d_mask.nii.gz")
@@ -67,19 +66,15 @@ def runs(
     """Yield every run in a world; a skull that is not there is left out, and said so."""
     for seed in seeds:
         progress(f"{world.profile} world, simulated skull, seed {seed}")
-        yield _run("simulated", *run_demo(seed, world=world))
+        yield Run("simulated", seed, run_demo(seed, world=world)[1])
     for name in SKULLS:
         path = data_folder() / name
         if path.is_file():
             progress(f"{world.profile} world, {name}")
             skull = DemoSkull(str(path))
-            yield _run(name.partition("_mask")[0], *run_demo(0, skull, world=world))
+            yield Run(name.partition("_mask")[0], 0, run_demo(0, skull, world=world)[1])
         else:
             progress(f"{name} is not there: left out")
-
-
-def _run(specimen: str, session: Session, figures: Mapping[str, object]) -> Run:
-    return Run(specimen, session.setup.seed, figures)
 
 
 def summary(done: Sequence[Run]) -> list[Metric]:
