@@ -291,9 +291,7 @@ def run_patient(
     started = time.monotonic()
     bench = new_workbench(Session(name=f"demo seed {seed}"))
     try:
-        for setting in (SetSeed(seed), *settings):
-            bench.dispatch(setting)
-        _put_on_the_table(skull, bench, lambda share: progress("setup", share))
+        _set_up(bench, seed, settings, skull, lambda share: progress("setup", share))
         bench.rig()
         progress("setup", 1.0)
         ending = run_procedure(bench, among, progress=progress)
@@ -304,6 +302,28 @@ def run_patient(
     head = {"seed": seed, "specimen": skull.name, "robot": setup.devices.robot.model}
     head["world"] = setup.world.profile
     return bench.session, {**head, **figures, "wall_s": time.monotonic() - started}
+
+
+def planned_setup(seed: int, settings: Sequence[Message], skull: DemoSkull = SIMULATED) -> Setup:
+    """Return the set-up that `run_patient` carries out the procedure with.
+
+    Raises:
+        RonaError: it is invalid.
+    """
+    bench = new_workbench(Session(name="set-up"))
+    try:
+        _set_up(bench, seed, settings, skull, lambda _share: None)
+    finally:
+        bench.close()
+    return bench.session.setup
+
+
+def _set_up(
+    bench: Workbench, seed: int, settings: Sequence[Message], skull: DemoSkull, progress: Progress
+) -> None:
+    for setting in (SetSeed(seed), *settings):
+        bench.dispatch(setting)
+    _put_on_the_table(skull, bench, progress)
 
 
 def _put_on_the_table(skull: DemoSkull, bench: Workbench, progress: Progress) -> None:

@@ -93,7 +93,7 @@ def session_bytes(session: Session, *, quick: bool = False) -> bytes:
         "copies": copies,
         "packed": recipes,
     }
-    text = json.dumps(manifest, sort_keys=True, indent=1, allow_nan=False).encode()
+    text = json.dumps(manifest, sort_keys=True, allow_nan=False).encode()
     texts = {MANIFEST: len(text), LOG: len(members[LOG])}
     stored = sum(map(len, members.values())) - texts[LOG]
     require_room(stored, used, texts, f"the session {session.name!r}")

@@ -23,8 +23,7 @@ from rona_core.study.study import Progress, failures_of, run_study
 
 REPORT, MARKDOWN, BEDS = "report.html", "report.md", "beds.json"
 NO_BEDS = (
-    "no beds.json: it takes a study to the search of a bed whose patients differ by seed alone, "
-    "and the kept session of one with a bed, which is made when all patients are done\n"
+    "no beds.json: it takes a study to the search of a bed whose patients differ by seed alone\n"
 )
 MINUTE_S, HOUR_S = 60.0, 3600.0
 LEAST_IN_MINUTES_S, LEAST_IN_HOURS_S = 90.0, 5400.0

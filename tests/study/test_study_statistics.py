@@ -9,7 +9,6 @@ from scipy import stats
 
 from rona_core.app.declarations.figures import FIGURES
 from rona_core.app.overview.bed_risk import read_beds
-from rona_core.session.files import session_bytes
 from rona_core.study.beds import beds_file
 from rona_core.study.folder import StudyFolder
 from rona_core.study.markdown import study_markdown
@@ -229,21 +228,48 @@ def bed_rows(study):
     return [{**one, "completed": True, **more} for one, more in zip(head, found, strict=True)]
 
 
-def test_the_beds_of_a_study_are_counted_with_the_settings_that_all_have(demo, tmp_path, capsys):
-    study = plan_of(tomllib.loads(BEDS), "beds", BEDS)
-    folder, rows = StudyFolder(tmp_path), bed_rows(study)
-    (tmp_path / "plan.toml").write_text(BEDS)
-    for row in rows:
+def beds_of(folder_path, text, rows_of=bed_rows):
+    (folder_path / "plan.toml").write_text(text)
+    folder = StudyFolder(folder_path)
+    for row in rows_of(plan_of(tomllib.loads(text), "beds", text)):
         folder.write_row(row)
-    assert beds_file(folder) is None, "no session has the settings"
-    assert main(["study", "report", str(tmp_path)]) == 0
-    assert "no beds.json: it takes" in capsys.readouterr().out
-    folder.write_session(rows[1]["key"], session_bytes(demo))
-    found = read_beds(beds_file(folder))
+    return folder
+
+
+def test_the_beds_of_a_study_are_counted_with_the_settings_that_all_have(tmp_path, capsys):
+    found = read_beds(beds_file(beds_of(tmp_path, BEDS)))
     assert found.beds == ((0.9995, 1.5), (0.995, 0.9), (1.0, 2.5))
     assert (found.no_bed, found.failed, found.patients) == (1, 1, 4)
     assert (found.conditions, found.limit_mm) == ({}, 1.0)
     assert (found.first_seed, found.last_seed) == (0, 4)
+    assert main(["study", "report", str(tmp_path)]) == 0
+    assert "beds.json" in capsys.readouterr().out
+
+
+def test_the_conditions_of_a_study_are_those_of_its_plan(tmp_path):
+    text = BEDS + (
+        'skip = ["burr", "caliper"]\n[factors]\nSetWorld.robot_mm = [0.9]\n'
+        "StartBedSearch.limit_mm = [0.8]\nSetRegion.radius_mm = [22.0]\n"
+    )
+    found = read_beds(beds_file(beds_of(tmp_path, text)))
+    assert found.limit_mm == 0.8
+    assert found.conditions == {
+        "world.robot_mm": 0.9,
+        "region.radius_mm": 22.0,
+        "search.limit_mm": 0.8,
+        "no caliper": True,
+        "burr not registered": True,
+    }
+
+
+def test_a_patient_without_an_offered_stage_is_not_like_the_others(tmp_path):
+    def rows_of(study):
+        first, *others = bed_rows(study)
+        return [{**first, "references_reason": "no reference point fits"}, *others]
+
+    found = read_beds(beds_file(beds_of(tmp_path, BEDS, rows_of)))
+    assert found.beds == ((0.995, 0.9), (1.0, 2.5))
+    assert found.failed == 2
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ has, seed and name excepted; where none has them, no number is stated.
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
 from pathlib import Path
@@ -187,16 +187,30 @@ BY_HAND = "bed laid by hand"
 def conditions_of(session: Session) -> dict[str, Any]:
     """Return what a session's bed was found with, as far as it is not the default."""
     held = session.results.more["bed"]
-    found = _changed(session.setup, Setup())
+    makes = [name for name in OPTIONAL if session.results.get(name) is not None]
+    found = conditions_from(session.setup, held.arguments, makes)
     if held.message != StartBedSearch.__name__:
         found[BY_HAND] = True
+    return found
+
+
+def conditions_from(
+    setup: Setup, search: Mapping[str, Any], makes: Collection[str]
+) -> dict[str, Any]:
+    """Return what is not the default of a set-up and of the search of a bed.
+
+    Args:
+        setup: Devices, world and region.
+        search: Arguments of the search, by name.
+        makes: Results that the procedure makes before it.
+    """
     asked = serialize_arguments(StartBedSearch())
-    found |= {
+    found = _changed(setup, Setup()) | {
         f"search.{name}": value
-        for name, value in held.arguments.items()
+        for name, value in search.items()
         if name in asked and value != asked[name]
     }
-    absent = [words for name, words in OPTIONAL.items() if session.results.get(name) is None]
+    absent = [words for name, words in OPTIONAL.items() if name not in makes]
     return json.loads(json.dumps(found | dict.fromkeys(absent, True)))  # as a file has them
 
 

@@ -94,11 +94,11 @@ class Breakthrough:
         step = (reading.mean_n, area_mm2 * feed_mm_per_s**FEED_POWER)
         self._now[:, i, j] += step
         self._last.append(step)
+        if left_mm.min() - HIDDEN_MM >= -PAST_MM:
+            return 0.0
         left = np.concatenate((left_mm, left_mm - HIDDEN_MM))
         prior = np.repeat((1.0 - HIDDEN_SHARE, HIDDEN_SHARE), len(left_mm)) / len(left_mm)
         through = left < -PAST_MM
-        if not through.any():
-            return 0.0
         force, done = np.sum(self._last, axis=0)
         force_above, done_above = self._above_near[:, i, j]
         if area_mm2 < LEAST_MM2 or min(done, done_above) < LEAST_WORK or force_above <= 0.0:
