@@ -446,6 +446,13 @@ ROBOT_AND_SCAN = (
 
 MAPS = (
     Figure(
+        "outer_sigma_predicted_mm",
+        "Outer boundary, predicted",
+        "mm",
+        "predicted: what `outer_rms_mm` is expected to be",
+        of="maps",
+    ),
+    Figure(
         "outer_rms_mm",
         "Outer boundary, RMS",
         "mm",
@@ -456,6 +463,14 @@ MAPS = (
         source="the paper; the median of the results page is 0.18, the worst 0.51, nearly all of "
         "it the assumed robot",
         paper=0.35,
+        truth_of="outer_sigma_predicted_mm",
+    ),
+    Figure(
+        "inner_sigma_predicted_mm",
+        "Inner boundary, predicted",
+        "mm",
+        "predicted: what `inner_rms_mm` is expected to be",
+        of="maps",
     ),
     Figure(
         "inner_rms_mm",
@@ -466,6 +481,7 @@ MAPS = (
         limit=0.85,
         source="the paper: position and thickness together",
         paper=0.85,
+        truth_of="inner_sigma_predicted_mm",
     ),
     Figure(
         "outer_same_robot_rms_mm",
@@ -499,6 +515,13 @@ MAPS = (
         of="maps",
     ),
     Figure(
+        "thickness_map_sigma_predicted_mm",
+        "Thickness, predicted",
+        "mm",
+        "predicted: what `thickness_rms_mm` is expected to be",
+        of="maps",
+    ),
+    Figure(
         "thickness_rms_mm",
         "Thickness, RMS",
         "mm",
@@ -508,6 +531,7 @@ MAPS = (
         source="the paper; a patient whose bone is 8 % slower than published misses it until "
         "places of known thickness calibrate the speed",
         paper=0.5,
+        truth_of="thickness_map_sigma_predicted_mm",
     ),
     Figure(
         "thickness_sigma_predicted_mm",

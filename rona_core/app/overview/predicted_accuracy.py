@@ -13,6 +13,7 @@ import numpy as np
 from rona_core.app.dependencies.references import TrackerReference, weakest_reference
 from rona_core.app.dependencies.staleness import required
 from rona_core.app.steps.acoustics.thickness_uncertainty import thickness_shares
+from rona_core.app.steps.maps.accuracy import expected_map_errors
 from rona_core.app.steps.path.path_checks import expected_coverage
 from rona_core.app.steps.pointer.derivation import EVIDENCE, Evidence, repeating_errors
 from rona_core.app.steps.roll.view import expected_duration
@@ -195,6 +196,7 @@ def predicted_figures(session: Session) -> dict[str, float | None]:
     """Return the predicted errors under the keys of ``docs/metrics.md``; None where unknown."""
     tool, pointer = session.results.tool, session.results.pointer
     surface, thickness = predict_surface(session), thickness_shares(session)
+    maps = expected_map_errors(session)
     return {
         "tool_tip_sigma_mm": None if tool is None else tool.value.tip_sigma_mm,
         "tracker_registration_sigma_mm": (
@@ -206,6 +208,9 @@ def predicted_figures(session: Session) -> dict[str, float | None]:
         "coverage_predicted_fraction": expected_coverage(session),
         "scan_duration_predicted_s": expected_duration(session),
         "thickness_sigma_predicted_mm": None if thickness is None else thickness.total_mm,
+        "outer_sigma_predicted_mm": maps.get("outer"),
+        "inner_sigma_predicted_mm": maps.get("inner"),
+        "thickness_map_sigma_predicted_mm": maps.get("thickness"),
         **_landmark_figures(session),
         **_burr_figures(session),
         **head_figures(session),

@@ -20,26 +20,38 @@ class MapAccuracy:
     thickness: CellSigma
 
 
+def expected_rms_mm(maps: Maps, accuracy: MapAccuracy) -> dict[str, float]:
+    """Return the expected RMS error of outer and inner map and of the thickness, in mm.
+
+    Over the mapped cells, those of both maps for the thickness; what has no such cell is left out.
+    """
+    mapped = {
+        "outer": maps.outer.ok,
+        "inner": maps.inner.ok,
+        "thickness": maps.outer.ok & maps.inner.ok,
+    }
+    return {
+        name: _rms_mm(getattr(accuracy, name).total_mm(), which)
+        for name, which in mapped.items()
+        if which.any()
+    }
+
+
 def accuracy_words(maps: Maps, accuracy: MapAccuracy) -> str:
     """Return a sentence about the errors that are to be expected: RMS over the mapped cells."""
-
-    def rms_mm(sigma: Floats, which: Bools) -> float:
-        return float(np.sqrt(np.mean(sigma[which] ** 2)))
-
-    outer, inner, bone = accuracy.outer, accuracy.inner, accuracy.thickness
-    both = maps.outer.ok & maps.inner.ok
-    if not maps.outer.ok.any():
+    outer, bone = accuracy.outer, accuracy.thickness
+    expected = expected_rms_mm(maps, accuracy)
+    if "outer" not in expected:
         return ""
     by_speed = sum(row.shared_mm for row in bone.budget if row.cause == SPEED)
     words = (
-        f"Expected errors (1 σ): outer boundary {rms_mm(outer.total_mm(), maps.outer.ok):.2f} mm "
-        f"({rms_mm(outer.same_robot_mm(), maps.outer.ok):.2f} where the same robot uses the map)"
+        f"Expected errors (1 σ): outer boundary {expected['outer']:.2f} mm "
+        f"({_rms_mm(outer.same_robot_mm(), maps.outer.ok):.2f} where the same robot uses the map)"
     )
-    if both.any():
+    if "thickness" in expected:
         words += (
-            f", inner {rms_mm(inner.total_mm(), maps.inner.ok):.2f} mm, thickness "
-            f"{rms_mm(bone.total_mm(), both):.2f} mm: of it {by_speed:.2f} mm "
-            "by the speed of sound, alike in the whole map"
+            f", inner {expected['inner']:.2f} mm, thickness {expected['thickness']:.2f} mm: of it "
+            f"{by_speed:.2f} mm by the speed of sound, alike in the whole map"
         )
     return f"{words}."
 
@@ -53,3 +65,7 @@ def accuracy_of(maps: Maps, terms: MapTerms) -> MapAccuracy:
         fused=summed(terms.fused, outer_ok),
         thickness=summed(terms.thickness, inner_ok),
     )
+
+
+def _rms_mm(sigma_mm: Floats, which: Bools) -> float:
+    return float(np.sqrt(np.mean(sigma_mm[which] ** 2)))

@@ -158,6 +158,9 @@ def test_what_is_missing_has_no_prediction(polaris):
         "thickness_sigma_predicted_mm",
         "coverage_predicted_fraction",
         "scan_duration_predicted_s",
+        "outer_sigma_predicted_mm",
+        "inner_sigma_predicted_mm",
+        "thickness_map_sigma_predicted_mm",
     )
     assert predicted_figures(Session()) == dict.fromkeys((*KEYS, *others))
     for name in ("tool", "pointer", "surface"):

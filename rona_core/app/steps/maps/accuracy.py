@@ -22,7 +22,12 @@ from rona_core.calibration.handheld.tracked_probe import SonoCalibration
 from rona_core.devices.settings import ProbeSettings, TrackerProfile
 from rona_core.errors import InvalidInputError, StaleResultError
 from rona_core.geometry.surface.cloud import SurfaceCloud
-from rona_core.mapping.accuracy.map_accuracy import MapAccuracy, accuracy_of, accuracy_words
+from rona_core.mapping.accuracy.map_accuracy import (
+    MapAccuracy,
+    accuracy_of,
+    accuracy_words,
+    expected_rms_mm,
+)
 from rona_core.mapping.accuracy.map_draws import MapDraws, draw_maps
 from rona_core.mapping.accuracy.map_terms import Cloud, MapSamples, MapTerms, map_terms
 from rona_core.mapping.accuracy.probe_place import ProbePlace, hand_place, robot_place
@@ -172,6 +177,12 @@ def map_accuracy(session: Session, *, hand: bool = False) -> MapAccuracy | None:
         return None
     maps = required(SONO_MAPS, session).maps if hand else required(MAPS, session)
     return _accuracy(maps, terms)
+
+
+def expected_map_errors(session: Session) -> dict[str, float]:
+    """Return the expected RMS errors of maps and thickness, see `expected_rms_mm`; {} without."""
+    accuracy = map_accuracy(session)
+    return {} if accuracy is None else expected_rms_mm(required(MAPS, session), accuracy)
 
 
 def accuracy_sentence(session: Session, *, hand: bool = False) -> str:
