@@ -8,7 +8,6 @@
 #   make bench         figures beside those of peers (SUITE=path for one suite, JSON=1 a list, FULL=1 all seeds)
 #   make profile       CPU time of a procedure by steps and functions (SEED=3, KEEP=1)
 #   make metrics       write the tables of docs/metrics.md from the declared figures
-#   make honesty       hold every predicted error against the truth and write docs/honesty.md (FULL=1)
 #   make reliability   kills, cuts, floods, broken files, two programs on one file (FULL=1)
 #   make accuracy      how wrong and how honest the boundary maps are, what fusion brings (FULL=1)
 #   make demo          the whole procedure in the terminal, without a browser (SEED=3)
@@ -27,7 +26,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help run test test-all mutants gallery api settings interoperability check bench viewers profile metrics honesty reliability accuracy demo demo-session pictures animation screens constraints clean venv product browser
+.PHONY: help run test test-all mutants gallery api settings interoperability check bench viewers profile metrics reliability accuracy demo demo-session pictures animation screens constraints clean venv product browser
 
 PYTHON ?= python3
 VENV := .venv
@@ -167,9 +166,6 @@ screens: $(VENV)/.test
 
 metrics: $(VENV)/.product
 	$(BIN)/python -m benchmarks.metrics_page
-
-honesty: $(VENV)/.product
-	$(ONE_THREAD) $(BIN)/python -m benchmarks.honesty_page $(if $(FULL),--full)
 
 accuracy: $(VENV)/.product
 	$(ONE_THREAD) $(BIN)/python -m benchmarks accuracy $(if $(FULL),--full)

@@ -6,9 +6,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from benchmarks import honesty_page
 from benchmarks.suites.honesty.design import POINTERS, ROBOTS, TRACKERS, levels_of
-from benchmarks.suites.honesty.honesty import CaseSamples
 from benchmarks.suites.honesty.judged import (
     Judged,
     grouped,
@@ -120,18 +118,3 @@ def test_every_pair_of_devices_is_met_as_often(first):
         counts = Counter(tuple(getattr(run, name) for name in pair) for run in runs)
         assert len(counts) == sizes[pair[0]] * sizes[pair[1]]
         assert len(set(counts.values())) == 1
-
-
-def test_the_page_shows_what_misses_its_goal_and_links_its_charts(tmp_path):
-    samples = [*drawn(1.0, seeds=30)]
-    wrong = [Judged("speed (m/s)", "common", k, np.full(3, 3.0), np.ones(3)) for k in range(5)]
-    honesty_page.write({"case": CaseSamples([*samples, *wrong], 31, 1 / 31)}, tmp_path)
-    text = (tmp_path / "honesty.md").read_text("utf-8")
-    assert "31 seeds, 3% of them refused" in text
-    honest, bold = (line for line in text.splitlines() if line.startswith(("| depth", "| speed")))
-    assert "**" not in honest
-    assert bold.count("**9.00** (9.00 to 9.00)") == 1
-    assert "**0.00**" in bold
-    for picture in (tmp_path / "images" / "honesty").iterdir():
-        assert f"(images/honesty/{picture.name})" in text
-        assert "<svg" in picture.read_text("utf-8")
