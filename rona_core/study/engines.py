@@ -23,7 +23,13 @@ CONNECT_S = 10.0
 INSTALL = "pip install 'rona[study]'"
 OF_DASK = {
     "distributed.scheduler.allowed-failures": TRIES - 1,
-    "distributed.worker.profile.enabled": False,  # it looks at the stack a hundred times a second
+    # a patient takes half a minute: what looks for changes many times a second takes 5 % of a core
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.interval": "1s",
+    "distributed.admin.system-monitor.interval": "10s",
+    "distributed.worker.memory.monitor-interval": "1s",
+    "distributed.client.heartbeat": "30s",
+    "distributed.client.scheduler-info-interval": "30s",
 }
 
 
