@@ -22,9 +22,8 @@ from rona_core.app.runtime.process_pool import ProcessCompute
 from rona_core.app.runtime.session_registry import SessionRegistry
 from rona_core.app.runtime.workbench import Services, Workbench
 from rona_core.app.steps.implant.messages import RehearseMilling
-from rona_core.app.steps.implant.milling_motion import milling_model
 from rona_core.app.steps.implant.rehearsal import Rehearsal, derive_rehearsal
-from rona_core.app.steps.implant.view import milling_view
+from rona_core.app.steps.implant.view import milling_model, milling_view
 from rona_core.app.steps.maps.inputs import MAPS
 from rona_core.app.steps.setup.messages import (
     SetProbe,

@@ -29,7 +29,7 @@ from rona_core.errors import InvalidInputError
 from rona_ui.api import problems
 from rona_ui.api.access_guard import LOOPBACK, Access, Guard, is_loopback
 from rona_ui.api.answers import FastJson, InPieces
-from rona_ui.api.bodies import AT_ONCE, BODY_BYTES
+from rona_ui.api.bodies import AT_ONCE, BODY_BYTES, add_limits
 from rona_ui.api.context import PREFIX
 from rona_ui.api.routes import (
     calibrations,
@@ -43,7 +43,6 @@ from rona_ui.api.routes import (
     results,
     sessions,
 )
-from rona_ui.api.schema_limits import add_limits
 from rona_ui.api.streams import Streams
 from rona_ui.api.timed_protocol import TimedProtocol
 from rona_ui.resources import cookie_secret, sessions_dir, static_dir

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.app.steps.maps.accuracy import TERMS, map_accuracy
+from rona_core.app.steps.maps.inputs import TERMS, map_accuracy
 from rona_core.compose import build_virtual_rig
 from rona_core.evaluation.map_metrics import cell_errors_mm
 from rona_core.evaluation.truth import truth_of

@@ -7,10 +7,9 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.steps.implant.bed_milling import MillingView, burr_way_of, raised_view
-from rona_core.app.steps.implant.milling_motion import milling_model, require_certified
+from rona_core.app.steps.implant.milling import MillingView, burr_way_of, raised_view
 from rona_core.app.steps.implant.rehearsal import Rehearsal
-from rona_core.app.steps.implant.view import milling_view
+from rona_core.app.steps.implant.view import milling_model, milling_view, require_certified
 from rona_core.evaluation.truth import Figures, Truth
 from rona_core.geometry.arrays import Floats
 from rona_core.planning.implants.implant import Implant

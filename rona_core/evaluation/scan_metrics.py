@@ -14,7 +14,7 @@ from scipy.spatial import KDTree
 
 from rona_core.app.dependencies.references import watch_head
 from rona_core.app.dependencies.staleness import made_of, required
-from rona_core.app.steps.acoustics.thickness_uncertainty import at_speed_of_maps, speed_of_maps
+from rona_core.app.steps.acoustics.view import at_speed_of_maps, speed_of_maps
 from rona_core.app.steps.scan.derivation import PLACES, POSES
 from rona_core.app.steps.scan.view import head_report
 from rona_core.devices.wrench import summarize

@@ -11,7 +11,7 @@ from fastapi import Depends, Path, Request
 from pydantic import GetCoreSchemaHandler, ValidationError
 from pydantic_core import InitErrorDetails, PydanticCustomError, core_schema
 
-from rona_core.app.messages.exact_types import misfits
+from rona_core.app.messages.message import misfits
 from rona_core.app.runtime.saving.autosave import CopyState
 from rona_core.app.runtime.saving.session_files import FileState
 from rona_core.app.runtime.session_registry import SessionRegistry

@@ -19,8 +19,7 @@ from rona_core.app.steps.acoustics.view import (
 )
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.form import Form
-from rona_ui.panels.widgets.panel_context import PanelContext
+from rona_ui.panels.widgets.form import Form, PanelContext
 from rona_ui.panels.widgets.step_panel import JudgementNote
 
 

@@ -11,8 +11,7 @@ from rona_core.app.steps.handheld.messages import (
 )
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.form import Form
-from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
+from rona_ui.panels.widgets.form import Form, PanelContext, on_change, on_click
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.viewer.bindings import escape
 

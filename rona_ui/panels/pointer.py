@@ -7,7 +7,7 @@ from rona_core.app.steps.tool.calibration_view import calibration_view
 from rona_ui.panels.tool.tool import CalibrationWords
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.capture_controls import ImportControls
-from rona_ui.panels.widgets.panel_context import on_click
+from rona_ui.panels.widgets.form import on_click
 from rona_ui.panels.widgets.step_panel import StepPanel
 from rona_ui.presentation.snapshot import Snapshot, changed
 

@@ -11,11 +11,10 @@ from rona_core.devices.limits import limits_of
 from rona_core.session.document import Derived, SmoothPath
 from rona_ui.panels.path.smoothed_path import PathPoints
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.panel_context import on_change, on_click
+from rona_ui.panels.widgets.form import on_change, on_click
 from rona_ui.panels.widgets.step_panel import StepPanel
 from rona_ui.presentation.colors import BLUE, PURPLE, STEEL, VERMILLION, css
-from rona_ui.presentation.shown import shown_path
-from rona_ui.presentation.snapshot import Snapshot, changed
+from rona_ui.presentation.snapshot import Snapshot, changed, shown_path
 from rona_ui.presentation.view_state import EDITS, Drawing, Preview
 
 DEVIATION, DEVIATION_RAW = FIGURES["path_deviation_max_mm"], FIGURES["path_deviation_raw_max_mm"]

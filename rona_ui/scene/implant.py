@@ -4,10 +4,14 @@ import time
 
 import numpy as np
 
-from rona_core.app.steps.implant.bed_milling import MillingView
-from rona_core.app.steps.implant.bone_left import bone_left_mm, bone_over_bed
-from rona_core.app.steps.implant.implant_bed import LACKS, ImplantBed
-from rona_core.app.steps.implant.view import expected_outline, outline_base
+from rona_core.app.steps.implant.derivation import LACKS, ImplantBed
+from rona_core.app.steps.implant.milling import MillingView
+from rona_core.app.steps.implant.view import (
+    bone_left_mm,
+    bone_over_bed,
+    expected_outline,
+    outline_base,
+)
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.mesh import Mesh
 from rona_core.geometry.pose import Pose
@@ -27,12 +31,17 @@ from rona_ui.presentation.colors import (
     WHITE,
     viridis,
 )
-from rona_ui.presentation.shown import shown_milling
-from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.snapshot import Snapshot, shown_milling
 from rona_ui.scene.cut_plane import cut_key, cut_plane, draw_cut
-from rona_ui.scene.layer import Layer, lift
-from rona_ui.scene.on_bone import on_bone
-from rona_ui.scene.viser_nodes import NO_LINES, SceneNodes, grid_faces, segments
+from rona_ui.scene.viser_nodes import (
+    NO_LINES,
+    Layer,
+    SceneNodes,
+    grid_faces,
+    lift,
+    on_bone,
+    segments,
+)
 
 IMPLANT, IMPLANT_CUT, SCREWS = "/implant/body", "/implant/cut", "/implant/screws"
 OUTLINE, EXPECTED = "/implant/outline", "/implant/expected"

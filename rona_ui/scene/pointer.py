@@ -19,9 +19,7 @@ from rona_ui.presentation.mouse_input import starts
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.presentation.static_scene import StaticScene
 from rona_ui.scene.cut_plane import Plane, crossings
-from rona_ui.scene.layer import Layer, lift
-from rona_ui.scene.on_bone import on_bone
-from rona_ui.scene.viser_nodes import NO_LINES, NO_POINTS, segments
+from rona_ui.scene.viser_nodes import NO_LINES, NO_POINTS, Layer, lift, on_bone, segments
 
 SHAFT, MARKERS, TIP = "/pointer/shaft", "/pointer/markers", "/pointer/tip"
 LINE, PICKS = "/drawing/line", "/drawing/points"

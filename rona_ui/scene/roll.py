@@ -28,11 +28,16 @@ from rona_ui.presentation.colors import (
     Rgb,
     viridis,
 )
-from rona_ui.presentation.shown import MARGIN_SCALE_MAX, shows_margins
-from rona_ui.presentation.snapshot import Snapshot, changed
-from rona_ui.scene.layer import Layer, lift
-from rona_ui.scene.on_bone import on_bone
-from rona_ui.scene.viser_nodes import NO_LINES, NO_POINTS, SceneNodes, segments
+from rona_ui.presentation.snapshot import MARGIN_SCALE_MAX, Snapshot, changed, shows_margins
+from rona_ui.scene.viser_nodes import (
+    NO_LINES,
+    NO_POINTS,
+    Layer,
+    SceneNodes,
+    lift,
+    on_bone,
+    segments,
+)
 
 WORKS, FAILS, CHOSEN = "/rolls/works", "/rolls/fails", "/rolls/shown"
 FOOT_MM, HUB_MM = 1.4, 1.5  # from the bone to the fan; from the axis of the probe to an arrow

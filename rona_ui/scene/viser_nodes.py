@@ -1,19 +1,24 @@
-"""Scene nodes of viser by name, updated in place; converts millimetres to viser's metres."""
+"""Layers, their nodes of viser by name (millimetres become viser's metres), places on the bone."""
 
 from collections.abc import Generator
 from contextlib import contextmanager
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 import trimesh
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import KDTree
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
-from rona_core.geometry.arrays import Bools, Floats, Ints
+from rona_core.app.dependencies.staleness import stale_reason
+from rona_core.geometry.arrays import Bools, Floats, Ints, Vector3
 from rona_core.geometry.mesh import Mesh
 from rona_core.geometry.pose import Pose
+from rona_core.session.memo import Memo
 from rona_ui.presentation.colors import Rgb
+from rona_ui.presentation.snapshot import Snapshot, changed
+from rona_ui.presentation.static_scene import StaticScene
 from rona_ui.scene.line_colors import sent_color, sent_colors
 from rona_ui.viewer.unseen_node import UnseenNode
 
@@ -303,3 +308,81 @@ def _colors(colors: Colors, shape: tuple[int, ...]) -> NDArray[np.uint8]:
     """Return one colour per point: a change of their number then never meets an old array."""
     each = np.asarray(colors, dtype=np.uint8)
     return np.ascontiguousarray(np.broadcast_to(each, shape))
+
+
+class Layer:
+    """Nodes under one name of ``view_state.LAYERS``, shown or hidden together.
+
+    It draws one kind of object from snapshots; it sends no messages and keeps no session.
+    """
+
+    layer: str = ""
+    follows: ClassVar[tuple[str, ...]] = ()  # parts of the snapshot that it is drawn from
+    names: ClassVar[tuple[str, ...]] = ()  # of the nodes that are shown with the layer
+    results: ClassVar[tuple[str, ...]] = ()  # that it draws, in grey where one of them is stale
+
+    def __init__(self, nodes: SceneNodes) -> None:
+        self.nodes = nodes
+
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
+        """Draw what differs from ``old``, None for the first time; show it where switched on."""
+        if changed(old, new, *self.follows):
+            self.draw(new)
+        for name in self.names:
+            self.nodes.show(name, self.shown(new))
+
+    def draw(self, new: Snapshot) -> None:
+        """Draw all nodes anew."""
+
+    def stale(self, snapshot: Snapshot) -> bool:
+        """Return whether a result that the layer draws is stale: then it is drawn in grey."""
+        return any(stale_reason(name, snapshot.session) for name in self.results)
+
+    def shown(self, snapshot: Snapshot) -> bool:
+        """Return whether the layer is switched on in this browser."""
+        return snapshot.view.shows(self.layer)
+
+
+def lift(snapshot: Snapshot, height_mm: float) -> Vector3:
+    """Return the offset (3,) that lifts things off the region, so that the skull does not hide."""
+    scene = snapshot.static_scene
+    return np.zeros(3) if scene is None else height_mm * scene.region_normal_base
+
+
+FAR_MM = 15.0  # from the skull: such a place is not on it
+_TREES: Memo[KDTree] = Memo(2)
+_NORMALS: Memo[Floats] = Memo(2)
+
+
+def on_bone(points_base: Floats, scene: StaticScene | None, height_mm: float) -> Floats:
+    """Return points (n, 3) in ``base``, raised to a height over the drawn skull where below it.
+
+    Measured points scatter about the bone, and a dot that lies within it is half hidden. Points
+    that are as high already, or far from the skull, stay where they are.
+    """
+    if scene is None or not len(points_base) or not len(scene.skull.vertices):
+        return points_base
+    vertices = scene.skull.vertices
+    tree, normals = _TREES.get((scene.skull,), lambda: KDTree(vertices)), skull_normals(scene.skull)
+    if normals[tree.query(scene.region_center_base)[1]] @ scene.region_normal_base < 0.0:
+        normals = -normals  # a skull whose triangles are counted the other way round
+    apart, nearest = tree.query(points_base)
+    normals = normals[nearest]
+    heights = np.einsum("ij,ij->i", points_base - vertices[nearest], normals)
+    below = np.where(apart < FAR_MM, np.maximum(height_mm - heights, 0.0), 0.0)
+    return points_base + below[:, None] * normals
+
+
+def skull_normals(skull: Mesh) -> Floats:
+    """Return the outward normal (n, 3) at each vertex of a drawn skull."""
+    return _NORMALS.get((skull,), lambda: _normals(skull))
+
+
+def _normals(skull: Mesh) -> Floats:
+    a, b, c = (skull.vertices[skull.faces[:, k]] for k in range(3))
+    areas = np.cross(b - a, c - a)
+    total = np.zeros_like(skull.vertices)
+    for corner in skull.faces.T:
+        for axis in range(3):
+            total[:, axis] += np.bincount(corner, areas[:, axis], len(total))
+    return total / np.maximum(np.linalg.norm(total, axis=1), 1e-12)[:, None]

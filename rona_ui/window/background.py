@@ -8,11 +8,11 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from rona_core.app.runtime.workbench import Workbench
-from rona_core.app.steps.implant.bed_milling import MillingView
+from rona_core.app.steps.implant.milling import MillingView
 from rona_core.app.steps.implant.view import milling_view
 from rona_core.app.steps.maps.comparison import MapComparison, compare_with_truth
 from rona_core.app.steps.maps.growing_map import GrowingMap, MapGrower, Pass
-from rona_core.app.steps.surface.growing_stroke import StrokeGrower
+from rona_core.app.steps.surface.step import StrokeGrower
 from rona_core.devices.live import LiveState, RecordedSoFar, live_tracker_of
 from rona_core.devices.samples import TrackerFrame
 from rona_core.errors import RonaError

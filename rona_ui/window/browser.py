@@ -24,7 +24,7 @@ from rona_ui.panels.implant.implant import BED_LAYERS
 from rona_ui.panels.layout.docks import Docks
 from rona_ui.panels.maps.comparison import comparison_message
 from rona_ui.panels.maps.maps import MAP_NAMES
-from rona_ui.panels.widgets.panel_context import PanelContext
+from rona_ui.panels.widgets.form import PanelContext
 from rona_ui.presentation.camera import (
     FOV_RAD,
     NARROWEST,
@@ -34,8 +34,7 @@ from rona_ui.presentation.camera import (
     camera_pose,
 )
 from rona_ui.presentation.mouse_input import STROKES, held_move, nudged, with_pick, without_mode
-from rona_ui.presentation.shown import opening_view, shown_preset
-from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.snapshot import Snapshot, opening_view, shown_preset
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.path.path import point_at
 from rona_ui.scene.pointer import handle_rotation

@@ -20,12 +20,11 @@ from rona_core.app.runtime.session_registry import SessionRegistry
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.maps.comparison import MapComparison
 from rona_core.app.steps.maps.growing_map import Pass
-from rona_core.app.steps.surface.growing_stroke import replayed_pointer
+from rona_core.app.steps.surface.step import replayed_pointer
 from rona_core.errors import CancelledError, NotFoundError
 from rona_core.session.document import Session
 from rona_ui.labels import in_words, place_of
-from rona_ui.presentation.shown import replay_duration_s
-from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.snapshot import Snapshot, replay_duration_s
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.refusals import Refusal, Refusals
 from rona_ui.viewer.bindings import TITLES, Bindings, notify

@@ -9,8 +9,8 @@ from rona_core.app.declarations.figures import FIGURES, PREDICTED, SECTIONS
 from rona_core.app.overview.acceptance import ELSEWHERE, quality_rows, quality_table
 from rona_core.app.overview.predicted_accuracy import predicted_figures
 from rona_core.app.report.sections import quality_section
-from rona_core.app.steps.maps.accuracy import map_accuracy
 from rona_core.app.steps.maps.error_budget import error_budgets
+from rona_core.app.steps.maps.inputs import map_accuracy
 from rona_ui.panels.layout.quality import table
 from tests.scenes import demo_parts
 

@@ -8,7 +8,7 @@ from benchmarks.suites.accuracy import map_ranks
 from benchmarks.suites.accuracy.map_ranks import AS_IS, BEST, NORMAL, SHAPE, Cells, figures, steps
 from benchmarks.suites.accuracy.observed_cells import cell_observables
 from benchmarks.suites.ultrasound.observed_order import best_ranks
-from rona_core.app.steps.maps.accuracy import TERMS
+from rona_core.app.steps.maps.inputs import TERMS
 from rona_core.errors import RonaError
 from tests.scenes import demo_parts
 

@@ -18,8 +18,8 @@ from benchmarks.suites.accuracy import gap_fusion, map_cost
 from benchmarks.suites.accuracy.judged_maps import judge
 from benchmarks.suites.honesty.judged import INTERVAL, grouped, honesty, rows
 from benchmarks.suites.procedure.procedure import SKULLS, data_folder
-from rona_core.app.steps.maps.accuracy import map_accuracy
 from rona_core.app.steps.maps.error_budget import error_budgets
+from rona_core.app.steps.maps.inputs import map_accuracy
 from rona_core.compose import (
     SIMULATED,
     DemoSkull,

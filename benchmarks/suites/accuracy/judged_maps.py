@@ -8,7 +8,7 @@ from scipy.spatial import KDTree
 
 from benchmarks.suites.honesty.judged import Judged
 from benchmarks.suites.honesty.maps import maps as judged_maps
-from rona_core.app.steps.maps.accuracy import drawn_maps, map_accuracy
+from rona_core.app.steps.maps.inputs import drawn_maps, map_accuracy
 from rona_core.evaluation.map_metrics import cell_errors_mm
 from rona_core.evaluation.truth import Truth
 from rona_core.geometry.arrays import Bools, Floats

@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.cases.growth import exponent
 from benchmarks.metric import Metric, cpu_ms
-from rona_core.app.steps.maps.accuracy import drawn_maps
+from rona_core.app.steps.maps.inputs import drawn_maps
 from rona_core.geometry.arrays import Floats
 from rona_core.geometry.pose import Pose
 from rona_core.mapping.coarse_map import coarse_map

@@ -20,7 +20,7 @@ from benchmarks.reference.map_coverage import parts, terms_of
 from benchmarks.suites.accuracy.observed_cells import cell_observables
 from benchmarks.suites.honesty.judged import over_draws, rank_correlation
 from benchmarks.suites.ultrasound.observed_order import best_ranks, ranks_by_others
-from rona_core.app.steps.maps.accuracy import TERMS
+from rona_core.app.steps.maps.inputs import TERMS
 from rona_core.compose import build_virtual_rig
 from rona_core.evaluation.map_metrics import cell_errors_mm
 from rona_core.evaluation.truth import truth_of

@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.metric import Metric, Progress
 from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.procedure import stages
-from rona_core.app.steps.maps.accuracy import map_accuracy
+from rona_core.app.steps.maps.inputs import map_accuracy
 from rona_core.compose import build_virtual_rig, evaluate_virtual, run_demo
 from rona_core.evaluation.map_metrics import cell_errors_mm
 from rona_core.evaluation.scan_metrics import detected_passes, true_probe_poses

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.random import Generator
 
 from benchmarks.suites.implant.rehearsed_beds import GUARDS, laid, planned, task_with_roll
-from rona_core.app.steps.implant.implant_bed import ImplantBed
+from rona_core.app.steps.implant.derivation import ImplantBed
 from rona_core.app.steps.implant.messages import StartBedSearch
-from rona_core.app.steps.implant.milling_motion import milling_plan_of
-from rona_core.app.steps.implant.rehearsal_task import FloorScan, RaisedMilling, floor_detector
+from rona_core.app.steps.implant.rehearsal import FloorScan, RaisedMilling, floor_detector
+from rona_core.app.steps.implant.view import milling_plan_of
 from rona_core.compose import milling_site, new_workbench
 from rona_core.errors import InvalidInputError, RonaError
 from rona_core.geometry.arrays import Floats

@@ -17,12 +17,10 @@ from benchmarks.metric import Metric, Progress
 from rona_core.app.procedure import stages
 from rona_core.app.runtime.handling import read_inputs
 from rona_core.app.steps.implant.bed_lines import find_bed_lines, hearing_around
-from rona_core.app.steps.implant.derivation import search_bed
-from rona_core.app.steps.implant.implant_bed import ImplantBed
-from rona_core.app.steps.implant.inputs import BedInputs, LinesInputs
+from rona_core.app.steps.implant.derivation import BedInputs, ImplantBed, LinesInputs, search_bed
 from rona_core.app.steps.implant.messages import StartBedLines, StartBedSearch
 from rona_core.app.steps.implant.view import floor_base
-from rona_core.app.steps.maps.accuracy import drawn_maps
+from rona_core.app.steps.maps.inputs import drawn_maps
 from rona_core.app.steps.maps.messages import Row, StartMapping, StartTiltPlan, StartTiltScan
 from rona_core.compose import build_virtual_rig, new_workbench, run_demo
 from rona_core.devices.protocols import never, silent

@@ -16,9 +16,13 @@ from scipy.special import ndtri
 from rona_core.app.runtime.handling import read_inputs
 from rona_core.app.steps.implant.burr.inputs import KNOWN_BURR
 from rona_core.app.steps.implant.burr.messages import StartBurrCapture
-from rona_core.app.steps.implant.derivation import LIFT_STEP_MM, mapped_bone, search_bed
-from rona_core.app.steps.implant.implant_bed import ImplantBed
-from rona_core.app.steps.implant.inputs import BedInputs
+from rona_core.app.steps.implant.derivation import (
+    LIFT_STEP_MM,
+    BedInputs,
+    ImplantBed,
+    mapped_bone,
+    search_bed,
+)
 from rona_core.app.steps.implant.messages import StartBedSearch
 from rona_core.app.steps.implant.view import FLOOR_MM
 from rona_core.compose import new_workbench

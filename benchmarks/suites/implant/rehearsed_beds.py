@@ -8,18 +8,17 @@ import numpy as np
 from numpy.random import Generator
 
 from rona_core.app.runtime.handling import compute_result
-from rona_core.app.steps.implant.bed_milling import robot_path_of
-from rona_core.app.steps.implant.implant_bed import ImplantBed, PlacedBed
+from rona_core.app.steps.implant.derivation import ImplantBed, PlacedBed
 from rona_core.app.steps.implant.messages import PlaceBed, PlanMilling
-from rona_core.app.steps.implant.milling_motion import milling_model, milling_plan_of
-from rona_core.app.steps.implant.rehearsal_task import (
+from rona_core.app.steps.implant.milling import robot_path_of
+from rona_core.app.steps.implant.rehearsal import (
     FloorScan,
     RaisedMilling,
     floor_detector,
     milling_task,
     task_along,
 )
-from rona_core.app.steps.implant.view import milling_view
+from rona_core.app.steps.implant.view import milling_model, milling_plan_of, milling_view
 from rona_core.compose import milling_site, new_workbench
 from rona_core.errors import RonaError
 from rona_core.evaluation.milling_metrics import Seated, seated

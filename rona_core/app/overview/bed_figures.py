@@ -1,8 +1,8 @@
 """Figures of an implant bed and its milling as rows of words: panel and report show them."""
 
 from rona_core.app.declarations.figures import FIGURES, percent
-from rona_core.app.steps.implant.bed_milling import MillingView
-from rona_core.app.steps.implant.implant_bed import ImplantBed, PlacedBed
+from rona_core.app.steps.implant.derivation import ImplantBed, PlacedBed
+from rona_core.app.steps.implant.milling import MillingView
 
 RESIDUAL = FIGURES["bed_residual_mm"]
 Rows = list[tuple[str, str]]

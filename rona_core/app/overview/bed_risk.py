@@ -16,7 +16,7 @@ from scipy.special import betaincinv
 
 from rona_core.app.dependencies.judge import fresh
 from rona_core.app.messages.message import serialize_arguments
-from rona_core.app.steps.implant.implant_bed import ImplantBed
+from rona_core.app.steps.implant.derivation import ImplantBed
 from rona_core.app.steps.implant.messages import StartBedSearch
 from rona_core.devices.limits import limits_of
 from rona_core.errors import SessionFormatError

@@ -11,7 +11,7 @@ from rona_core.app.dependencies.staleness import CAPTURE, stale_reason
 from rona_core.app.steps.acoustics.messages import StartCaliperMeasurements
 from rona_core.app.steps.handheld.messages import StartHandheldCalibration, StartHandheldScan
 from rona_core.app.steps.implant.burr.messages import StartBurrCapture
-from rona_core.app.steps.maps.accuracy import map_accuracy
+from rona_core.app.steps.maps.inputs import map_accuracy
 from rona_core.app.steps.maps.messages import StartTiltPlan
 from rona_core.app.steps.path.messages import StartPathCapture
 from rona_core.app.steps.pointer.messages import StartPointerCapture

@@ -9,7 +9,7 @@ from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.dependencies.references import placed_reason, reference_of
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.implant.burr.inputs import BurrRegistration
-from rona_core.app.steps.implant.implant_bed import ImplantBed
+from rona_core.app.steps.implant.derivation import ImplantBed
 from rona_core.calibration.hand_eye.reference_markers import head_reference, point_sigmas_mm
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.devices.live import LiveState

@@ -5,9 +5,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from rona_core.app.dependencies.staleness import session_obstacles
-from rona_core.app.steps.implant.bed_milling import robot_path_of
-from rona_core.app.steps.implant.milling_motion import milling_model
-from rona_core.app.steps.implant.view import milling_view
+from rona_core.app.steps.implant.milling import robot_path_of
+from rona_core.app.steps.implant.view import milling_model, milling_view
 from rona_core.app.steps.roll.certificate_view import NO_CLEARANCE
 from rona_core.devices.files.text_tables import NamedFile
 from rona_core.devices.limits import require_within

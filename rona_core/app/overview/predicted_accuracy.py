@@ -12,8 +12,8 @@ import numpy as np
 
 from rona_core.app.dependencies.references import TrackerReference, weakest_reference
 from rona_core.app.dependencies.staleness import required
-from rona_core.app.steps.acoustics.thickness_uncertainty import thickness_shares
-from rona_core.app.steps.maps.accuracy import expected_map_errors
+from rona_core.app.steps.acoustics.view import thickness_shares
+from rona_core.app.steps.maps.inputs import expected_map_errors
 from rona_core.app.steps.path.path_checks import expected_coverage
 from rona_core.app.steps.pointer.derivation import EVIDENCE, Evidence, repeating_errors
 from rona_core.app.steps.roll.view import expected_duration

@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING
 
 from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.dependencies.staleness import wanted_of
-from rona_core.app.paper_figures.implant import draw_milling_path
-from rona_core.app.paper_figures.joints import draw_joints
-from rona_core.app.paper_figures.maps import draw_reconstruction
+from rona_core.app.paper_figures.maps import draw_milling_path, draw_reconstruction
 from rona_core.app.paper_figures.navigation import draw_registrations
 from rona_core.app.paper_figures.path import (
+    draw_joints,
     draw_orientations,
     draw_smoothed_path,
     draw_steps_of_smoothing,

@@ -13,11 +13,11 @@ from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.report.page import Html, joined, markup, note, table, tag, tile
 from rona_core.app.steps.acoustics.view import loss_words, speed_words
-from rona_core.app.steps.maps.accuracy import map_accuracy
 from rona_core.app.steps.maps.error_budget import error_budgets
 from rona_core.app.steps.maps.export import map_sheet
+from rona_core.app.steps.maps.inputs import map_accuracy
 from rona_core.app.steps.maps.view import ROUND_MM, ROUND_SIGMA_MM, scale_limits_mm
-from rona_core.app.steps.scan.quick_look import probe_advice
+from rona_core.app.steps.scan.step import probe_advice
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.mapping.accuracy.map_accuracy import accuracy_words
 from rona_core.mapping.boundary_map import BoundaryMap

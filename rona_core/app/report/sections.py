@@ -17,8 +17,7 @@ from rona_core.app.overview.bed_figures import (
 from rona_core.app.overview.bed_risk import bed_risk
 from rona_core.app.overview.frame_graph import frame_rows
 from rona_core.app.report.page import Html, badge, facts, joined, note, table, tag
-from rona_core.app.steps.implant.implant_bed import ImplantBed, PlacedBed
-from rona_core.app.steps.implant.milling_motion import milling_stale
+from rona_core.app.steps.implant.derivation import ImplantBed, PlacedBed
 from rona_core.app.steps.implant.milling_plan import MillingPlan, milling_verdict
 from rona_core.app.steps.implant.rehearsal import (
     Rehearsal,
@@ -26,7 +25,7 @@ from rona_core.app.steps.implant.rehearsal import (
     rehearsal_stale,
     rehearsal_verdict,
 )
-from rona_core.app.steps.implant.view import milling_view, verdict
+from rona_core.app.steps.implant.view import milling_stale, milling_view, verdict
 from rona_core.app.steps.roll.certificate_view import (
     CLEARANCE,
     DURATION,

@@ -19,8 +19,7 @@ from rona_core.app.declarations.declarations import (
 )
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.judge import require_for
-from rona_core.app.messages.exact_types import require_exact
-from rona_core.app.messages.message import Answer
+from rona_core.app.messages.message import Answer, require_exact
 from rona_core.app.runtime.jobs import Ended, Jobs, JobStatus
 from rona_core.app.runtime.process_pool import release_memory, use_one_thread
 from rona_core.app.runtime.store import Change, Store

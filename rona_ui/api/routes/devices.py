@@ -20,7 +20,7 @@ from rona_core.app.steps.setup.messages import (
     SetToolVisible,
     SetTracker,
 )
-from rona_core.app.steps.setup.robot_parameters import RobotFigure, robot_figures
+from rona_core.app.steps.setup.step import RobotFigure, robot_figures
 from rona_core.app.steps.tool.messages import StartRobotMove
 from rona_core.devices.limits import PLACE_MM, number, quaternion, require_limits, require_unit
 from rona_core.devices.live import LiveTracker, live_tracker_of

@@ -19,13 +19,13 @@ from rona_core.app.overview.bed_risk import bed_risk
 from rona_core.app.overview.frame_graph import frame_rows
 from rona_core.app.report.page import POLICY
 from rona_core.app.report.report import workbench_report
-from rona_core.app.steps.acoustics.thickness_uncertainty import reference_gain
+from rona_core.app.steps.acoustics.view import reference_gain
 from rona_core.app.steps.boundaries.ascan_view import ScanName, ascan_plot
-from rona_core.app.steps.maps.accuracy import MOST_DRAWS, drawn_maps, map_accuracy
 from rona_core.app.steps.maps.comparison import ErrorFigures, MapComparison, compare_with_truth
+from rona_core.app.steps.maps.inputs import MOST_DRAWS, drawn_maps, map_accuracy
 from rona_core.app.steps.maps.volume import volume_file
 from rona_core.app.steps.scan.landmarks.view import landmark_report
-from rona_core.app.steps.scan.quick_look import probe_advice
+from rona_core.app.steps.scan.step import probe_advice
 from rona_core.app.steps.tool.calibration_view import calibration_view
 from rona_core.errors import NotFoundError
 from rona_core.session.document import Session

@@ -7,8 +7,7 @@ from urllib.parse import quote
 from fastapi import APIRouter, Request, Response
 from starlette.concurrency import run_in_threadpool
 
-from rona_core.app.runtime.saving.export_captures import export_recording
-from rona_core.app.runtime.saving.session_files import FILE_NAME, MAX_UPLOAD_BYTES
+from rona_core.app.runtime.saving.session_files import FILE_NAME, MAX_UPLOAD_BYTES, export_recording
 from rona_core.app.runtime.session_registry import SessionRegistry
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.devices.limits import like, limited, require_limits

@@ -16,11 +16,10 @@ from rona_core.app.overview.bed_figures import (
 )
 from rona_core.app.overview.bed_risk import bed_risk
 from rona_core.app.steps.implant.bed_lines import BedLines, lines_verdict
-from rona_core.app.steps.implant.bed_milling import MillingView
+from rona_core.app.steps.implant.burr.inputs import UNKNOWN, burr_words
 from rona_core.app.steps.implant.burr.messages import StartBurrCapture
-from rona_core.app.steps.implant.burr.view import UNKNOWN, burr_words
+from rona_core.app.steps.implant.derivation import ImplantBed
 from rona_core.app.steps.implant.export import EXPORTS, MOTIONS, offered
-from rona_core.app.steps.implant.implant_bed import ImplantBed
 from rona_core.app.steps.implant.messages import (
     PlaceBed,
     PlanMilling,
@@ -28,7 +27,7 @@ from rona_core.app.steps.implant.messages import (
     StartBedLines,
     StartBedSearch,
 )
-from rona_core.app.steps.implant.milling_motion import milling_stale
+from rona_core.app.steps.implant.milling import MillingView
 from rona_core.app.steps.implant.milling_plan import MillingPlan, milling_verdict
 from rona_core.app.steps.implant.rehearsal import (
     Rehearsal,
@@ -36,15 +35,14 @@ from rona_core.app.steps.implant.rehearsal import (
     rehearsal_stale,
     rehearsal_verdict,
 )
-from rona_core.app.steps.implant.view import placed_turns, verdict
+from rona_core.app.steps.implant.view import milling_stale, placed_turns, verdict
 from rona_core.app.steps.maps.messages import StartTiltPlan
 from rona_core.app.steps.maps.view import layers_of
 from rona_core.session.document import Session
 from rona_ui.panels.maps.maps import color_bar
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.file_folders import ExportFolder
-from rona_ui.panels.widgets.form import Form
-from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
+from rona_ui.panels.widgets.form import Form, PanelContext, on_change, on_click
 from rona_ui.panels.widgets.step_panel import JudgementNote, StepPanel
 from rona_ui.presentation.colors import (
     BONE_RIM,
@@ -54,8 +52,14 @@ from rona_ui.presentation.colors import (
     VERMILLION,
     css,
 )
-from rona_ui.presentation.shown import map_errors, map_sigma, opens_window, shown_maps
-from rona_ui.presentation.snapshot import Snapshot, changed
+from rona_ui.presentation.snapshot import (
+    Snapshot,
+    changed,
+    map_errors,
+    map_sigma,
+    opens_window,
+    shown_maps,
+)
 
 
 class BurrFields:

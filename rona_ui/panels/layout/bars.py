@@ -11,13 +11,13 @@ from rona_core.app.dependencies.judge import StepState, step_judgement
 from rona_core.app.overview.acceptance import Judgement as FiguresJudgement
 from rona_core.app.overview.acceptance import pending_figures
 from rona_core.app.procedure import Stage, next_stage
-from rona_core.app.steps.implant.milling_motion import layer_at
+from rona_core.app.steps.implant.view import layer_at
 from rona_core.app.steps.roll.view import place_of_roll
 from rona_core.app.steps.scan.messages import StartHome, StartRetract
 from rona_core.app.steps.scan.planned_motion import motion_stale, motion_times
 from rona_ui.labels import doing
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
+from rona_ui.panels.widgets.form import PanelContext, on_change, on_click
 from rona_ui.panels.widgets.step_panel import (
     GO_ON,
     JudgementNote,
@@ -25,13 +25,14 @@ from rona_ui.panels.widgets.step_panel import (
     judged,
     rows_of,
 )
-from rona_ui.presentation.shown import (
+from rona_ui.presentation.snapshot import (
+    Snapshot,
+    changed,
     probe_on_bone,
     replay_duration_s,
     robot_away,
     shows_roll_preview,
 )
-from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.viewer.bindings import escape
 

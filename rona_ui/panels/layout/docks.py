@@ -23,7 +23,7 @@ from rona_ui.panels.smoothing import SmoothingPanel
 from rona_ui.panels.surface import SurfacePanel
 from rona_ui.panels.tool.calibration import CalibrationPanel
 from rona_ui.panels.tool.tool import ToolPanel
-from rona_ui.panels.widgets.panel_context import Panel, PanelContext
+from rona_ui.panels.widgets.form import Panel, PanelContext
 from rona_ui.panels.widgets.step_panel import StepPanel
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.resources import static_dir

@@ -11,14 +11,13 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, NoReturn, get_args
 
-from rona_core.app.runtime.saving.export_captures import recorded_captures
+from rona_core.app.runtime.saving.session_files import recorded_captures
 from rona_core.app.runtime.session_step import Redo, Undo
 from rona_core.errors import InvalidInputError
-from rona_ui.panels.widgets.panel_context import PanelContext, on_change
+from rona_ui.panels.widgets.form import PanelContext, on_change
 from rona_ui.presentation.camera import HEAD, ROOM, TABLE
 from rona_ui.presentation.mouse_input import NUDGES, held_point
-from rona_ui.presentation.shown import footprint
-from rona_ui.presentation.snapshot import Snapshot, changed
+from rona_ui.presentation.snapshot import Snapshot, changed, footprint
 from rona_ui.presentation.view_state import EDITS, LAYERS, MODES, NEEDED, CutDirection, ViewState
 from rona_ui.viewer.bindings import Event, escape
 from rona_ui.viewer.gateway import uuid_of

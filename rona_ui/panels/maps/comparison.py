@@ -9,9 +9,8 @@ from rona_core.app.steps.maps.comparison import TRUTH, MapComparison, Registrati
 from rona_core.app.steps.maps.messages import StartComparison
 from rona_core.errors import InvalidInputError
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
-from rona_ui.presentation.shown import shown_comparison
-from rona_ui.presentation.snapshot import Snapshot, changed
+from rona_ui.panels.widgets.form import PanelContext, on_change, on_click
+from rona_ui.presentation.snapshot import Snapshot, changed, shown_comparison
 from rona_ui.presentation.view_state import Pairs, Point, ViewState
 
 FILES = ".stl,.ply,.obj,.nrrd,.nii,.gz,.rona"

@@ -10,8 +10,8 @@ from rona_core.app.declarations.declarations import USABLE
 from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.steps.acoustics.view import loss_words
-from rona_core.app.steps.maps.accuracy import accuracy_sentence, budgets
 from rona_core.app.steps.maps.export import EXPORTS
+from rona_core.app.steps.maps.inputs import accuracy_sentence, budgets
 from rona_core.app.steps.maps.messages import StartMapping, StartTiltPlan, StartTiltScan
 from rona_core.app.steps.maps.view import (
     MapLayers,
@@ -27,18 +27,18 @@ from rona_ui.panels.maps.comparison import ComparisonFolder
 from rona_ui.panels.maps.volume import VolumeFolder
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.file_folders import ExportFolder
-from rona_ui.panels.widgets.form import Form
-from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
+from rona_ui.panels.widgets.form import Form, PanelContext, on_change, on_click
 from rona_ui.panels.widgets.step_panel import JudgementNote, StepPanel, judged, stopped_note
 from rona_ui.presentation.colors import SKY, css, diverging_css
-from rona_ui.presentation.shown import (
+from rona_ui.presentation.snapshot import (
+    Snapshot,
+    changed,
     map_errors,
     map_sigma,
     shown_maps,
     shows_handheld_maps,
     shows_second_path,
 )
-from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import escape
 
 EXPLANATION = (

@@ -6,10 +6,9 @@ from typing import Any
 from rona_core.app.steps.maps.volume import volume_agreement
 from rona_core.errors import RonaError
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.panel_context import PanelContext, on_change
+from rona_ui.panels.widgets.form import PanelContext, on_change
 from rona_ui.presentation.colors import ORANGE, SKY, css
-from rona_ui.presentation.shown import shown_volume, shows_handheld_maps
-from rona_ui.presentation.snapshot import Snapshot, changed
+from rona_ui.presentation.snapshot import Snapshot, changed, shown_volume, shows_handheld_maps
 from rona_ui.presentation.view_state import VolumeView
 
 EXPLANATION = (

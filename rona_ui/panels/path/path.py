@@ -15,8 +15,7 @@ from rona_core.app.steps.path.path_checks import expected_coverage
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.capture_controls import DrawingControls, ImportControls, Lifts, Picks
 from rona_ui.panels.widgets.file_folders import LoadFolder
-from rona_ui.panels.widgets.form import Form
-from rona_ui.panels.widgets.panel_context import PanelContext
+from rona_ui.panels.widgets.form import Form, PanelContext
 from rona_ui.panels.widgets.step_panel import StepPanel
 from rona_ui.presentation.colors import BLUE, GREEN, INK, ORANGE, PURPLE, VERMILLION, css
 from rona_ui.presentation.snapshot import Snapshot

@@ -10,12 +10,10 @@ from rona_core.app.steps.smoothing.path_view import PathView
 from rona_core.geometry.arrays import Floats
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.form import Form
-from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
+from rona_ui.panels.widgets.form import Form, PanelContext, on_change, on_click
 from rona_ui.presentation.colors import BLUE, css, viridis
 from rona_ui.presentation.mouse_input import corners_of, held_point, holding
-from rona_ui.presentation.shown import shown_path, shown_path_key
-from rona_ui.presentation.snapshot import Snapshot, changed
+from rona_ui.presentation.snapshot import Snapshot, changed, shown_path, shown_path_key
 from rona_ui.presentation.view_state import ViewState
 
 WIDTH, HEIGHT, MARGIN = 170.0, 190.0, 8.0  # of one graph, in pixels

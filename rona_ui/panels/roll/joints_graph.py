@@ -9,8 +9,8 @@ from rona_core.app.steps.roll.view import JointCurves, joint_curves, shown_roll
 from rona_core.app.steps.scan.planned_motion import path_percent_at
 from rona_core.geometry.arrays import Floats
 from rona_ui.panels.widgets import style
+from rona_ui.panels.widgets.form import PanelContext, on_change
 from rona_ui.panels.widgets.graphs import INK, Axis, Graph
-from rona_ui.panels.widgets.panel_context import PanelContext, on_change
 from rona_ui.presentation.colors import CATEGORIES, VERMILLION, css
 from rona_ui.presentation.snapshot import Snapshot, changed
 

@@ -14,7 +14,6 @@ from rona_core.app.steps.roll.certificate_view import (
     certificate_view,
     plan_reason,
 )
-from rona_core.app.steps.roll.export import EXPORTS, is_urscript
 from rona_core.app.steps.roll.inputs import last_roll_search
 from rona_core.app.steps.roll.messages import (
     ApplyBasePlacement,
@@ -22,15 +21,21 @@ from rona_core.app.steps.roll.messages import (
     StartRollSearch,
     TakeMotion,
 )
-from rona_core.app.steps.roll.step import BasePlace, BasePlacement, fresh_placement, moves
+from rona_core.app.steps.roll.step import (
+    EXPORTS,
+    BasePlace,
+    BasePlacement,
+    fresh_placement,
+    is_urscript,
+    moves,
+)
 from rona_core.app.steps.roll.view import expected_duration, joint_curves, none_works
 from rona_core.devices.limits import limits_of
 from rona_core.devices.robots import UNIVERSAL
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.file_folders import ExportFolder, LoadFolder
-from rona_ui.panels.widgets.form import Form
-from rona_ui.panels.widgets.panel_context import PanelContext, on_change
+from rona_ui.panels.widgets.form import Form, PanelContext, on_change
 from rona_ui.panels.widgets.step_panel import StepPanel
 from rona_ui.presentation.colors import (
     BLOCKED,

@@ -27,8 +27,8 @@ from rona_core.app.steps.roll.view import (
 from rona_core.app.steps.setup.clearance import PairClearance
 from rona_core.geometry.arrays import Floats
 from rona_ui.panels.widgets import style
+from rona_ui.panels.widgets.form import PanelContext, on_change
 from rona_ui.panels.widgets.graphs import ImageSlider, png_url
-from rona_ui.panels.widgets.panel_context import PanelContext, on_change
 from rona_ui.presentation.colors import (
     BLUE,
     GREEN,
@@ -42,8 +42,7 @@ from rona_ui.presentation.colors import (
     viridis,
     viridis_css,
 )
-from rona_ui.presentation.shown import MARGIN_SCALE_MAX, shown_clearances
-from rona_ui.presentation.snapshot import Snapshot, changed
+from rona_ui.presentation.snapshot import MARGIN_SCALE_MAX, Snapshot, changed, shown_clearances
 from rona_ui.viewer.bindings import escape
 
 REASON_COLORS: dict[str, Rgb] = {  # of the verdicts in the strip

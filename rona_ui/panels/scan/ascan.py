@@ -11,13 +11,13 @@ from rona_core.app.steps.boundaries.ascan_view import (
     ascan_plot,
     scan_number_at,
 )
-from rona_core.app.steps.boundaries.handlers import scans_of
 from rona_core.app.steps.boundaries.messages import ClearBoundaryCorrections, CorrectBoundary
+from rona_core.app.steps.boundaries.step import scans_of
 from rona_core.geometry.arrays import Floats
 from rona_ui.panels.scan.bscan_slider import ScanSlider
 from rona_ui.panels.widgets import style
+from rona_ui.panels.widgets.form import PanelContext, on_change, on_click
 from rona_ui.panels.widgets.graphs import Axis, Graph
-from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
 from rona_ui.presentation.colors import CATEGORIES, GREEN, ORANGE, PURPLE, VERMILLION, css
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.presentation.view_state import ViewState

@@ -14,8 +14,8 @@ from rona_core.app.steps.boundaries.ascan_view import (
 )
 from rona_core.geometry.arrays import Floats, Ints
 from rona_ui.panels.widgets import style
+from rona_ui.panels.widgets.form import PanelContext, on_change
 from rona_ui.panels.widgets.graphs import ImageSlider, png_url
-from rona_ui.panels.widgets.panel_context import PanelContext, on_change
 from rona_ui.presentation.colors import GREEN, ORANGE, SKY, VERMILLION, css
 from rona_ui.presentation.snapshot import Snapshot
 

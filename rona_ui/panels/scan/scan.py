@@ -17,8 +17,7 @@ from rona_core.app.steps.scan.messages import (
     StartQuickLook,
     StartScan,
 )
-from rona_core.app.steps.scan.quick_look import probe_advice
-from rona_core.app.steps.scan.step import mounting_words
+from rona_core.app.steps.scan.step import mounting_words, probe_advice
 from rona_core.app.steps.scan.view import (
     ForceCurve,
     contact_report,
@@ -33,13 +32,11 @@ from rona_core.geometry.arrays import Floats
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.file_folders import ExportFolder, LoadFolder
-from rona_ui.panels.widgets.form import SettingsForm
+from rona_ui.panels.widgets.form import PanelContext, SettingsForm, on_change
 from rona_ui.panels.widgets.graphs import Axis, Graph
-from rona_ui.panels.widgets.panel_context import PanelContext, on_change
 from rona_ui.panels.widgets.step_panel import JudgementNote, StepPanel
 from rona_ui.presentation.colors import CATEGORIES, GREEN, SKY, VERMILLION, css
-from rona_ui.presentation.shown import shown_growing_map
-from rona_ui.presentation.snapshot import Snapshot, changed
+from rona_ui.presentation.snapshot import Snapshot, changed, shown_growing_map
 from rona_ui.viewer.bindings import escape
 
 BOX = {"passed": "good", "failed": "warn", "overridden": "warn", "stale": "warn", "missing": ""}

@@ -10,8 +10,7 @@ from rona_core.app.steps.setup.messages import (
 )
 from rona_core.devices.workcell import RoomBox, Surroundings
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.form import Form, SettingsForm
-from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
+from rona_ui.panels.widgets.form import Form, PanelContext, SettingsForm, on_change, on_click
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import Event, escape
 

@@ -18,15 +18,14 @@ from rona_core.app.steps.acoustics.view import (
     probe_performances,
     probe_values,
 )
-from rona_core.app.steps.scan.quick_look import probe_advice
+from rona_core.app.steps.scan.step import probe_advice
 from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.devices.probes import BY_FREQUENCY, PROBE_DATA
 from rona_core.devices.settings import Excitation, ProbeSettings
 from rona_core.session.document import Session
 from rona_core.session.specimen import BoneKind
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.form import SettingsForm
-from rona_ui.panels.widgets.panel_context import PanelContext, on_click
+from rona_ui.panels.widgets.form import PanelContext, SettingsForm, on_click
 from rona_ui.panels.widgets.step_panel import JudgementNote
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.fields import read_number

@@ -18,7 +18,7 @@ from rona_core.app.steps.setup.messages import (
     StartSkullImport,
     UseSimulatedSkull,
 )
-from rona_core.app.steps.setup.robot_parameters import robot_figures
+from rona_core.app.steps.setup.step import robot_figures
 from rona_core.devices.limits import limits_of
 from rona_core.devices.settings import TrackerSettings
 from rona_core.errors import InvalidInputError, RonaError
@@ -26,8 +26,7 @@ from rona_core.session.document import Session
 from rona_ui.panels.setup.obstacles import WorkcellFields
 from rona_ui.panels.setup.probe import ProbeFields
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.form import Make, SettingsForm, Show
-from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
+from rona_ui.panels.widgets.form import Make, PanelContext, SettingsForm, Show, on_change, on_click
 from rona_ui.panels.widgets.step_panel import StepPanel
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import Event, escape

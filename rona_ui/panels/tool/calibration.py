@@ -17,8 +17,8 @@ from rona_core.app.steps.tool.calibration_view import (
 )
 from rona_core.geometry.arrays import Floats
 from rona_ui.panels.widgets import style
+from rona_ui.panels.widgets.form import PanelContext, on_change, on_click
 from rona_ui.panels.widgets.graphs import ImageSlider
-from rona_ui.panels.widgets.panel_context import PanelContext, on_change, on_click
 from rona_ui.presentation.colors import BLUE, GREEN, ORANGE, VERMILLION, css
 from rona_ui.presentation.snapshot import Snapshot, changed
 

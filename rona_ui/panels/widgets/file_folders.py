@@ -7,7 +7,7 @@ from typing import Any, Literal
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.steps.imports.messages import StartImport
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.panel_context import PanelContext, on_click
+from rona_ui.panels.widgets.form import PanelContext, on_click
 from rona_ui.presentation.snapshot import Snapshot
 
 Purpose = Literal["captures", "cloud", "path", "motion"]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from rona_core.geometry.arrays import Floats
-from rona_ui.panels.widgets.panel_context import on_change
+from rona_ui.panels.widgets.form import on_change
 
 GRID = {"stroke": "#e3e8ed", "width": 1}
 INK = "#3e4c59"

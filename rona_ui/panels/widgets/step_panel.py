@@ -16,8 +16,7 @@ from rona_core.app.overview.acceptance import (
 from rona_core.errors import InvalidInputError
 from rona_core.session.memo import Memo
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.form import Form
-from rona_ui.panels.widgets.panel_context import PanelContext
+from rona_ui.panels.widgets.form import Form, PanelContext
 from rona_ui.presentation.snapshot import Snapshot, changed
 
 GO_ON = (0, 105, 77)  # what to do now

@@ -5,13 +5,13 @@ import numpy as np
 from rona_core.app.dependencies.staleness import CAPTURE, stale_reason
 from rona_core.app.steps.acoustics.view import ReferenceRow, reference_rows
 from rona_core.app.steps.boundaries.ascan_view import ScanName, scan_number_at, scan_poses
-from rona_core.app.steps.boundaries.handlers import (
+from rona_core.app.steps.boundaries.step import (
     CAPTURES,
     DETECTIONS,
     detection_of_scan,
     scans_of,
 )
-from rona_core.app.steps.handheld.inputs import HAND_POSES
+from rona_core.app.steps.handheld.derivation import HAND_POSES
 from rona_core.app.steps.maps.view import SecondView, layers_of, second_cells, second_view
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.mesh import Mesh
@@ -28,7 +28,9 @@ from rona_ui.presentation.colors import (
     diverging,
     viridis,
 )
-from rona_ui.presentation.shown import (
+from rona_ui.presentation.snapshot import (
+    Snapshot,
+    changed,
     map_errors,
     map_sigma,
     shown_growing_map,
@@ -38,11 +40,17 @@ from rona_ui.presentation.shown import (
     shows_handheld_maps,
     shows_second_path,
 )
-from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.scene.cut_plane import Plane, crossings, cut_key, cut_plane
-from rona_ui.scene.layer import Layer, lift
-from rona_ui.scene.on_bone import on_bone
-from rona_ui.scene.viser_nodes import NO_LINES, NO_POINTS, SceneNodes, grid_faces, segments
+from rona_ui.scene.viser_nodes import (
+    NO_LINES,
+    NO_POINTS,
+    Layer,
+    SceneNodes,
+    grid_faces,
+    lift,
+    on_bone,
+    segments,
+)
 
 NODE = "/scan/growing"
 SIZE_MM = 1.2

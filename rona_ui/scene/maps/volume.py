@@ -10,11 +10,9 @@ from rona_core.geometry.mesh import Mesh
 from rona_core.geometry.pose import Pose
 from rona_core.mapping.volume.echo_volume import EchoVolume, IsoSurface
 from rona_ui.presentation.colors import ORANGE, SKY
-from rona_ui.presentation.shown import shown_volume
-from rona_ui.presentation.snapshot import Snapshot, changed
+from rona_ui.presentation.snapshot import Snapshot, changed, shown_volume
 from rona_ui.presentation.view_state import VolumeView
-from rona_ui.scene.layer import Layer
-from rona_ui.scene.viser_nodes import SceneNodes
+from rona_ui.scene.viser_nodes import Layer, SceneNodes
 
 SLICES = ("/volume/u", "/volume/v")
 SHEET, OUTER, INNER = "/volume/sheet", "/volume/outer", "/volume/inner"

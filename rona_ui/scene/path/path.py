@@ -37,12 +37,24 @@ from rona_ui.presentation.colors import (
     viridis,
 )
 from rona_ui.presentation.mouse_input import corners_of, extended, held_place, held_point, holding
-from rona_ui.presentation.shown import shown_path, shown_path_key, shows_margins
-from rona_ui.presentation.snapshot import Snapshot, changed
+from rona_ui.presentation.snapshot import (
+    Snapshot,
+    changed,
+    shown_path,
+    shown_path_key,
+    shows_margins,
+)
 from rona_ui.presentation.view_state import PAINTING, Point, ViewState
-from rona_ui.scene.layer import Layer, lift
-from rona_ui.scene.on_bone import on_bone, skull_normals
-from rona_ui.scene.viser_nodes import NO_LINES, NO_POINTS, SceneNodes, segments
+from rona_ui.scene.viser_nodes import (
+    NO_LINES,
+    NO_POINTS,
+    Layer,
+    SceneNodes,
+    lift,
+    on_bone,
+    segments,
+    skull_normals,
+)
 
 COLORS: dict[PaintKind, Rgb] = {"scan": GREEN, "avoid": VERMILLION}
 PAINT_LIFT_MM: dict[PaintKind, float] = {

@@ -13,15 +13,14 @@ from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.meshes.link_meshes import link_shapes
 from rona_ui.presentation.colors import SKY, Rgb
-from rona_ui.presentation.shown import (
+from rona_ui.presentation.snapshot import (
+    Snapshot,
     shown_clearances,
     shown_joints,
     shown_robot,
     shows_roll_preview,
 )
-from rona_ui.presentation.snapshot import Snapshot
-from rona_ui.scene.layer import Layer
-from rona_ui.scene.viser_nodes import SceneNodes
+from rona_ui.scene.viser_nodes import Layer, SceneNodes
 
 ROOT = "/robot"
 

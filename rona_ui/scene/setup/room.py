@@ -20,8 +20,7 @@ from rona_core.session.document import Session
 from rona_ui.presentation.colors import FLOOR, PAD, PEDESTAL, SHEET, STEEL, WALL, Rgb
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.presentation.static_scene import StaticScene
-from rona_ui.scene.layer import Layer
-from rona_ui.scene.viser_nodes import SceneNodes
+from rona_ui.scene.viser_nodes import Layer, SceneNodes
 
 CLEAR_MM = 26.0  # of the clamp's arc from the head
 BELOW_MM = 22.0  # of the arc below the middle of the head

@@ -8,12 +8,10 @@ from scipy.spatial import KDTree
 from rona_core.devices.protocols import DrawnHead
 from rona_core.geometry.mesh import Mesh
 from rona_ui.presentation.colors import BONE, BONE_RIM, SUTURE
-from rona_ui.presentation.shown import opens_window
-from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.snapshot import Snapshot, opens_window
 from rona_ui.presentation.static_scene import StaticScene
 from rona_ui.scene.cut_plane import Plane, crossings, cut, cut_key, cut_plane
-from rona_ui.scene.layer import Layer
-from rona_ui.scene.viser_nodes import NO_LINES, SceneNodes
+from rona_ui.scene.viser_nodes import NO_LINES, Layer, SceneNodes
 
 NODE, RIM = "/skull", "/skull_rim"
 FACE, SUTURES = "/head/face", "/head/sutures"

@@ -14,10 +14,8 @@ from rona_core.geometry.pose import Pose
 from rona_core.robot.collision.solids import merged, rod
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_ui.presentation.colors import GREEN, STEEL, VERMILLION, Rgb
-from rona_ui.presentation.shown import shown_joints, shows_roll_preview
-from rona_ui.presentation.snapshot import Snapshot, changed
-from rona_ui.scene.layer import Layer
-from rona_ui.scene.viser_nodes import NO_LINES, SceneNodes, segments
+from rona_ui.presentation.snapshot import Snapshot, changed, shown_joints, shows_roll_preview
+from rona_ui.scene.viser_nodes import NO_LINES, Layer, SceneNodes, segments
 
 CAMERA, LENSES, STAND = "/tracker/camera", "/tracker/lenses", "/tracker/stand"
 VOLUME, PLATE, SPHERES = "/tracker/volume", "/tracker/plate", "/tracker/spheres"

@@ -8,8 +8,8 @@ import pytest
 import trimesh
 
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.steps.maps.accuracy import drawn_maps
 from rona_core.app.steps.maps.comparison import compare_maps
+from rona_core.app.steps.maps.inputs import drawn_maps
 from rona_core.app.steps.maps.volume import echo_volume
 from tests.scenes.map_ct import ct_of
 

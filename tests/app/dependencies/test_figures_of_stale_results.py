@@ -8,7 +8,7 @@ import pytest
 from rona_core.app.dependencies.judge import step_states
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.boundaries.ascan_view import ascan_plot
-from rona_core.app.steps.boundaries.handlers import detection_of_scan
+from rona_core.app.steps.boundaries.step import detection_of_scan
 from rona_core.app.steps.path.messages import StartPathCapture
 from rona_core.app.steps.pointer.messages import StartPointerCapture
 from rona_core.app.steps.scan.messages import StartScan

@@ -10,9 +10,9 @@ from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.messages.message import message_from
 from rona_core.app.runtime.handling import read_inputs
 from rona_core.app.steps.implant.bed_lines import hearing_around, lines_verdict
-from rona_core.app.steps.implant.inputs import LinesInputs
+from rona_core.app.steps.implant.derivation import LinesInputs
 from rona_core.app.steps.implant.messages import PlaceBed, StartBedLines
-from rona_core.app.steps.maps.accuracy import drawn_maps
+from rona_core.app.steps.maps.inputs import drawn_maps
 from rona_core.app.steps.maps.messages import StartTiltPlan
 from rona_core.compose import new_workbench
 from rona_core.errors import CancelledError, InvalidInputError

@@ -7,14 +7,18 @@ import pytest
 
 from rona_core.app.dependencies.judge import blocked, judge_part
 from rona_core.app.dependencies.staleness import required, stale_reason
-from rona_core.app.steps.implant.burr.inputs import KNOWN_BURR
+from rona_core.app.steps.implant.burr.inputs import KNOWN_BURR, burr_words
 from rona_core.app.steps.implant.burr.messages import RegisterBurr, StartBurrCapture
-from rona_core.app.steps.implant.burr.view import burr_words
-from rona_core.app.steps.implant.inputs import EXECUTION
+from rona_core.app.steps.implant.derivation import EXECUTION
 from rona_core.app.steps.implant.messages import PlaceBed
-from rona_core.app.steps.implant.milling_motion import milling_model
-from rona_core.app.steps.implant.rehearsal_task import FloorScan, RaisedMilling, milling_task
-from rona_core.app.steps.implant.view import UNREGISTERED, milling_view, placed_turns, verdict
+from rona_core.app.steps.implant.rehearsal import FloorScan, RaisedMilling, milling_task
+from rona_core.app.steps.implant.view import (
+    UNREGISTERED,
+    milling_model,
+    milling_view,
+    placed_turns,
+    verdict,
+)
 from rona_core.app.steps.setup.messages import SetSeed, SetWorld
 from rona_core.app.steps.tool.messages import RegisterTool, StartToolCapture
 from rona_core.compose import build_virtual_rig, new_workbench

@@ -6,10 +6,15 @@ import numpy as np
 import pytest
 
 from rona_core.app.dependencies.staleness import required
-from rona_core.app.steps.implant import rehearsal_task
+from rona_core.app.steps.implant import rehearsal
 from rona_core.app.steps.implant.messages import RehearseMilling
-from rona_core.app.steps.implant.rehearsal import derive_rehearsal, rehearsal_ok, rehearsal_verdict
-from rona_core.app.steps.implant.rehearsal_task import FloorScan, milling_task
+from rona_core.app.steps.implant.rehearsal import (
+    FloorScan,
+    derive_rehearsal,
+    milling_task,
+    rehearsal_ok,
+    rehearsal_verdict,
+)
 from rona_core.app.steps.implant.view import milling_view
 from rona_core.app.steps.roll.derivation import plan_settings
 from rona_core.app.steps.roll.inputs import DRIVEN
@@ -103,7 +108,7 @@ def tampered(*args, **kwargs):
 
 
 def test_along_a_motion_other_than_the_certified_one_no_place_is_touched(milled, monkeypatch):
-    monkeypatch.setattr(rehearsal_task, "plan_scan", tampered)
+    monkeypatch.setattr(rehearsal, "plan_scan", tampered)
     scan = FloorScan(milled)
     assert scan(FloorLine(np.array((OVER, (0.0, 0.0, -1.0), OVER)), np.array((1,)))) is None
     assert not scan.plan.may_move
@@ -111,7 +116,7 @@ def test_along_a_motion_other_than_the_certified_one_no_place_is_touched(milled,
 
 @pytest.mark.slow
 def test_a_motion_other_than_the_certified_one_does_not_scan(milled, certified, monkeypatch):
-    monkeypatch.setattr(rehearsal_task, "plan_scan", tampered)
+    monkeypatch.setattr(rehearsal, "plan_scan", tampered)
     _, found, site = rehearsed(milled)
     assert not found.floor_plan.may_move
     by_maps_alone(found, site, certified)
@@ -128,7 +133,7 @@ def test_where_the_probe_may_not_touch_the_floor_is_not_scanned_and_the_reason_i
         settings = plan_settings(driven, message)
         return replace(settings, obstacles=settings.obstacles.without_touch())
 
-    monkeypatch.setattr(rehearsal_task, "plan_settings", untouched)
+    monkeypatch.setattr(rehearsal, "plan_settings", untouched)
     session, found, site = rehearsed(milled)
     assert found.floor_plan.trajectory is None
     by_maps_alone(found, site, certified)

@@ -9,7 +9,7 @@ from rona_core.app.declarations.figures import percent
 from rona_core.app.dependencies.judge import blocked, step_states
 from rona_core.app.dependencies.staleness import required, stale_reason
 from rona_core.app.messages.message import message_from
-from rona_core.app.steps.implant.inputs import EXECUTION
+from rona_core.app.steps.implant.derivation import EXECUTION
 from rona_core.app.steps.implant.messages import BURRS_MM, PlaceBed, StartBedSearch
 from rona_core.app.steps.implant.view import floor_base, milling_view, verdict
 from rona_core.app.steps.setup.messages import SetProbe

@@ -10,27 +10,28 @@ from scipy.ndimage import maximum_filter, minimum_filter
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.judge import blocked, step_states
 from rona_core.app.dependencies.staleness import session_obstacles, stale_reason
-from rona_core.app.steps.implant import milling_motion as milling_motion_module
-from rona_core.app.steps.implant.bed_milling import robot_path_of
-from rona_core.app.steps.implant.bone_left import bone_left_mm, bone_over_bed
+from rona_core.app.steps.implant import view as milling_motion_module
 from rona_core.app.steps.implant.export import EXPORTS, MOTIONS, offered
 from rona_core.app.steps.implant.messages import PlanMilling
-from rona_core.app.steps.implant.milling_motion import (
+from rona_core.app.steps.implant.milling import robot_path_of
+from rona_core.app.steps.implant.milling_plan import (
+    milling_summary,
+    milling_verdict,
+    why_no_milling,
+)
+from rona_core.app.steps.implant.view import (
+    bone_left_mm,
+    bone_over_bed,
     layer_at,
     milling_duration_s,
     milling_joints_at,
     milling_model,
     milling_motion,
     milling_plan_of,
+    milling_view,
     require_certified,
     way_at,
 )
-from rona_core.app.steps.implant.milling_plan import (
-    milling_summary,
-    milling_verdict,
-    why_no_milling,
-)
-from rona_core.app.steps.implant.view import milling_view
 from rona_core.app.steps.setup.messages import SetWorkcell
 from rona_core.compose import new_workbench
 from rona_core.errors import InvalidInputError, StaleResultError, StepBlockedError

@@ -6,14 +6,18 @@ import numpy as np
 import pytest
 
 from rona_core.app.dependencies.staleness import session_obstacles
-from rona_core.app.steps.implant import rehearsal, rehearsal_task
-from rona_core.app.steps.implant.bed_milling import raised_view, robot_path_of
+from rona_core.app.steps.implant import rehearsal
 from rona_core.app.steps.implant.messages import RehearseMilling
-from rona_core.app.steps.implant.milling_derivation import plan_view
-from rona_core.app.steps.implant.milling_motion import milling_model, require_certified
-from rona_core.app.steps.implant.rehearsal import derive_rehearsal, rehearsal_ok, rehearsal_verdict
-from rona_core.app.steps.implant.rehearsal_task import FloorScan, RaisedMilling, milling_task
-from rona_core.app.steps.implant.view import milling_view
+from rona_core.app.steps.implant.milling import plan_view, raised_view, robot_path_of
+from rona_core.app.steps.implant.rehearsal import (
+    FloorScan,
+    RaisedMilling,
+    derive_rehearsal,
+    milling_task,
+    rehearsal_ok,
+    rehearsal_verdict,
+)
+from rona_core.app.steps.implant.view import milling_model, milling_view, require_certified
 from rona_core.compose import milling_site
 from rona_core.devices.protocols import never, silent
 from rona_core.errors import CancelledError
@@ -88,7 +92,7 @@ def test_a_raised_motion_other_than_the_certified_one_is_refused(milled, monkeyp
         qs = plan.trajectory.qs_rad + np.deg2rad((0.5, 0.0, 0.0, 0.0, 0.0, 0.0))
         return replace(plan, trajectory=replace(plan.trajectory, qs_rad=qs))
 
-    monkeypatch.setattr(rehearsal_task, "plan_view", tampered)
+    monkeypatch.setattr(rehearsal, "plan_view", tampered)
     raised = RaisedMilling(milled, roll_of(milled))
     ceiling = milling_view(milled).path.bottoms_bed()[:, 2].min() + THICK_MM
     assert raised(5, ceiling) is None
@@ -170,7 +174,7 @@ def test_a_motion_other_than_the_certified_one_is_not_milled(milled, monkeypatch
         return replace(plan, trajectory=replace(plan.trajectory, qs_rad=qs))
 
     asked_for_more(monkeypatch)
-    monkeypatch.setattr(rehearsal_task, "plan_view", tampered)
+    monkeypatch.setattr(rehearsal, "plan_view", tampered)
     session, found, site = rehearsed(milled)
     heights = milling_view(milled).path.bottoms_bed()[:, 2]
     layers = milling_view(milled).path.layers

@@ -8,19 +8,16 @@ import pytest
 from rona_core.app.dependencies.judge import blocked
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.implant.messages import RehearseMilling
-from rona_core.app.steps.implant.milling_motion import require_certified
 from rona_core.app.steps.implant.rehearsal import (
-    rehearsal_ok,
-    rehearsal_stale,
-    rehearsal_verdict,
-)
-from rona_core.app.steps.implant.rehearsal_task import (
     FloorScan,
     RaisedMilling,
     floor_detector,
     milling_task,
+    rehearsal_ok,
+    rehearsal_stale,
+    rehearsal_verdict,
 )
-from rona_core.app.steps.implant.view import milling_view
+from rona_core.app.steps.implant.view import milling_view, require_certified
 from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.compose import milling_site, new_workbench, virtual_services
 from rona_core.errors import CancelledError, StepBlockedError

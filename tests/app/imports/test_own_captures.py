@@ -22,7 +22,7 @@ from rona_core.app.steps.roll.messages import StartRollSearch
 from rona_core.app.steps.setup.messages import SetRobot
 from rona_core.app.steps.smoothing.messages import SmoothScanPath
 from rona_core.compose import new_workbench
-from rona_core.devices.files.hdf5_tree import read_hdf5_tree
+from rona_core.devices.files.arrays import read_hdf5_tree
 from rona_core.devices.files.text_tables import NamedFile
 from rona_core.errors import DeviceError, InvalidInputError, NotFoundError, StepBlockedError
 from rona_core.geometry.pose import Pose

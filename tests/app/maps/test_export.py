@@ -12,8 +12,8 @@ import trimesh
 
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.runtime.session_step import Undo
-from rona_core.app.steps.maps.accuracy import map_accuracy
 from rona_core.app.steps.maps.export import ALL, EXPORTS, FRAME, MANIFEST
+from rona_core.app.steps.maps.inputs import map_accuracy
 from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.compose import new_workbench
 from rona_core.errors import NotFoundError, StaleResultError, StepBlockedError

@@ -18,11 +18,11 @@ from rona_core.app.steps.boundaries.ascan_view import (
     scan_poses,
     share_of_scan,
 )
-from rona_core.app.steps.boundaries.handlers import scans_of
 from rona_core.app.steps.boundaries.messages import CorrectBoundary
-from rona_core.app.steps.maps.accuracy import map_accuracy
+from rona_core.app.steps.boundaries.step import scans_of
 from rona_core.app.steps.maps.error_budget import error_budgets
 from rona_core.app.steps.maps.further_passes import all_scanned
+from rona_core.app.steps.maps.inputs import map_accuracy
 from rona_core.app.steps.maps.messages import StartMapping, StartTiltPlan, StartTiltScan
 from rona_core.app.steps.maps.view import second_cells, second_view
 from rona_core.app.steps.scan.derivation import PLACES, joined_poses, joined_scans

@@ -7,7 +7,7 @@ import pytest
 from scipy.special import ndtr
 
 from rona_core.app.runtime.session_step import Undo
-from rona_core.app.steps.maps.accuracy import MOST_DRAWS, TERMS, drawn_maps, map_accuracy
+from rona_core.app.steps.maps.inputs import MOST_DRAWS, TERMS, drawn_maps, map_accuracy
 from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.compose import build_virtual_rig, new_workbench
 from rona_core.errors import InvalidInputError, StaleResultError, StepBlockedError

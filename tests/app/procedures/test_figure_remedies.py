@@ -7,7 +7,7 @@ from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.overview.acceptance import judgement, quality_rows, verdict
 from rona_core.app.overview.figure_remedies import REMEDIES, figure_remedy
-from rona_core.app.steps.maps.accuracy import map_accuracy
+from rona_core.app.steps.maps.inputs import map_accuracy
 from rona_core.app.steps.maps.messages import StartTiltScan
 from rona_core.app.steps.scan.messages import StartProbeMountingCapture
 from rona_core.compose import new_workbench

@@ -21,10 +21,9 @@ from PIL import Image
 from shapely.affinity import rotate, translate
 
 from rona_core.app.dependencies.staleness import wanted_of
-from rona_core.app.paper_figures.implant import CUTTING, LEVEL_MM, cutting_lines
-from rona_core.app.paper_figures.joints import three_rolls
+from rona_core.app.paper_figures.maps import CUTTING, LEVEL_MM, cutting_lines
 from rona_core.app.paper_figures.navigation import BOXES, edges_of
-from rona_core.app.paper_figures.path import bent_stretch, without
+from rona_core.app.paper_figures.path import bent_stretch, three_rolls, without
 from rona_core.app.paper_figures.style import COLUMN_MM, MM_PER_INCH, RULES
 from rona_core.app.paper_figures.table import PAPER_FIGURES, drawn_figure, figure_named, lacking
 from rona_core.app.steps.implant.view import milling_view

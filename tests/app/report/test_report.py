@@ -21,7 +21,7 @@ from rona_core.app.steps.implant.messages import PlaceBed
 from rona_core.app.steps.implant.milling_plan import milling_verdict
 from rona_core.app.steps.implant.rehearsal import rehearsal_verdict
 from rona_core.app.steps.implant.view import verdict
-from rona_core.app.steps.maps.accuracy import map_accuracy
+from rona_core.app.steps.maps.inputs import map_accuracy
 from rona_core.app.steps.maps.view import layers_of
 from rona_core.app.steps.roll.certificate_view import certificate_view
 from rona_core.app.steps.setup.messages import SetProbe

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rona_core.app.declarations.registry import REGISTRY
-from rona_core.app.messages.exact_types import misfits, require_exact
+from rona_core.app.messages.message import misfits, require_exact
 from rona_core.app.runtime.saving.session_files import plain_name
 from rona_core.app.runtime.session_step import RenameSession
 from rona_core.app.steps.setup.messages import SetSeed, SetTracker, StartSkullImport

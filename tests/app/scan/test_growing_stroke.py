@@ -11,9 +11,8 @@ from rona_core.app.dependencies.references import REGISTERED
 from rona_core.app.dependencies.staleness import required
 from rona_core.app.steps.pointer.derivation import POINTER
 from rona_core.app.steps.surface.derivation import tip_track
-from rona_core.app.steps.surface.growing_stroke import StrokeGrower
 from rona_core.app.steps.surface.messages import StartSurfaceCapture
-from rona_core.app.steps.surface.step import record_strokes
+from rona_core.app.steps.surface.step import StrokeGrower, record_strokes
 from rona_core.compose import build_virtual_rig
 from rona_core.devices.live import Live
 from rona_core.session.codec import digest

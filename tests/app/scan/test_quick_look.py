@@ -9,7 +9,7 @@ from rona_core.app.dependencies.judge import blocked
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.runtime.handling import derive_again, handle
 from rona_core.app.steps.scan.messages import StartQuickLook
-from rona_core.app.steps.scan.quick_look import SHOTS, line_rows, probe_advice
+from rona_core.app.steps.scan.step import SHOTS, line_rows, probe_advice
 from rona_core.app.steps.setup.messages import SetBoneModel, SetProbe, SetRegion
 from rona_core.compose import new_workbench
 from rona_core.devices.protocols import never, silent

@@ -18,12 +18,13 @@ from rona_core.app.steps.acoustics.messages import (
     StartDelayLineCapture,
     StartProbeSweep,
 )
-from rona_core.app.steps.acoustics.thickness_uncertainty import reference_gain, thickness_shares
 from rona_core.app.steps.acoustics.view import (
     edited_probe,
     gain_words,
     probe_values,
+    reference_gain,
     reference_rows,
+    thickness_shares,
 )
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.setup.messages import SetProbe, SetSeed, SetWorld

@@ -19,8 +19,8 @@ from rona_core.app.steps.boundaries.ascan_view import (
     scan_poses,
     share_of_scan,
 )
-from rona_core.app.steps.boundaries.handlers import detection_of_scan
 from rona_core.app.steps.boundaries.messages import ClearBoundaryCorrections, CorrectBoundary
+from rona_core.app.steps.boundaries.step import detection_of_scan
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.maps.view import second_cells, second_view
 from rona_core.app.steps.scan.planned_motion import joints_at, plan_of

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from rona_core.app.declarations.figures import FIGURES, OUTER_CAUSES, THICKNESS_CAUSES
-from rona_core.app.steps.maps.accuracy import map_accuracy
 from rona_core.app.steps.maps.error_budget import OUTER, THICKNESS, error_budgets
+from rona_core.app.steps.maps.inputs import map_accuracy
 from rona_core.compose import build_virtual_rig, evaluate_virtual
 from rona_core.evaluation.map_metrics import cells, outer_errors_mm
 from rona_core.evaluation.scan_metrics import WRONG_MM, true_probe_poses

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.runtime.saving.export_captures import export_recording, recorded_captures
+from rona_core.app.runtime.saving.session_files import export_recording, recorded_captures
 from rona_core.app.runtime.session_step import replay
 from rona_core.app.steps.path.messages import StartPathCapture
 from rona_core.app.steps.pointer.messages import StartPointerCapture
 from rona_core.app.steps.pointer.pivot_report import report_pivot
 from rona_core.app.steps.recordings.messages import StartPivotImport, StartRecordingImport
 from rona_core.app.steps.setup.messages import SetPointer, SetSeed, SetTracker, SetWorld
-from rona_core.app.steps.surface.growing_stroke import replayed_pointer
 from rona_core.app.steps.surface.messages import StartSurfaceCapture
+from rona_core.app.steps.surface.step import replayed_pointer
 from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.calibration.pivot.pose_convention import CHANGES
 from rona_core.compose import new_workbench

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from benchmarks.reference.map_coverage import bands, parts, within
-from rona_core.app.steps.acoustics.thickness_uncertainty import speed_of_maps
+from rona_core.app.steps.acoustics.view import speed_of_maps
 from rona_core.app.steps.boundaries.ascan_view import ascan_plot
 from rona_core.app.steps.boundaries.messages import CorrectBoundary
-from rona_core.app.steps.maps.accuracy import ROBOT_PLACE, TERMS, map_accuracy
+from rona_core.app.steps.maps.inputs import ROBOT_PLACE, TERMS, map_accuracy
 from rona_core.app.steps.maps.view import layers_of
 from rona_core.mapping.accuracy.echo_terms import (
     NO_FRONT_ECHO,

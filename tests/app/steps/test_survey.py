@@ -17,13 +17,12 @@ from rona_core.app.steps.acoustics.messages import (
     StartCaliperMeasurements,
     StartDelayLineCapture,
 )
-from rona_core.app.steps.handheld.inputs import HAND_POSES, POSED
+from rona_core.app.steps.handheld.derivation import HAND_POSES, POSED, hand_reference
 from rona_core.app.steps.handheld.messages import (
     StartHandheldCalibration,
     StartHandheldMapping,
     StartHandheldScan,
 )
-from rona_core.app.steps.handheld.places import hand_reference
 from rona_core.app.steps.maps import derivation
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.scan.derivation import PLACES, POSES, joined_poses

@@ -8,8 +8,7 @@ from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext
 from rona_core.app.declarations.inputs import given, inputs
 from rona_core.app.dependencies.staleness import capture_input, capture_setup_digest, result_input
-from rona_core.app.runtime.handling import compute_result, record
-from rona_core.app.runtime.recording import begin
+from rona_core.app.runtime.handling import begin, compute_result, record
 from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.setup.capture_parts import SCAN_SPEED
 from rona_core.geometry.arrays import Floats, readonly

@@ -9,8 +9,8 @@ import pytest
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.judge import step_states
 from rona_core.app.steps.implant.bed_lines import lines_verdict
+from rona_core.app.steps.implant.burr.inputs import burr_words
 from rona_core.app.steps.implant.burr.messages import StartBurrCapture
-from rona_core.app.steps.implant.burr.view import burr_words
 from rona_core.app.steps.implant.export import EXPORTS, MOTIONS
 from rona_core.app.steps.implant.messages import (
     PlaceBed,
@@ -19,17 +19,16 @@ from rona_core.app.steps.implant.messages import (
     StartBedLines,
     StartBedSearch,
 )
-from rona_core.app.steps.implant.milling_motion import milling_plan_of
 from rona_core.app.steps.implant.milling_plan import milling_verdict
 from rona_core.app.steps.implant.rehearsal import rehearsal_verdict
-from rona_core.app.steps.implant.view import milling_view, verdict
+from rona_core.app.steps.implant.view import milling_plan_of, milling_view, verdict
 from rona_core.app.steps.maps.messages import StartTiltPlan
 from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.compose import new_workbench
 from rona_core.errors import NotFoundError, StaleResultError, StepBlockedError
 from rona_core.session.document import Session
 from rona_ui.panels.implant.implant import NO_CHANCE, ImplantPanel
-from rona_ui.presentation.shown import opens_window
+from rona_ui.presentation.snapshot import opens_window
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.window.background import milling_of
 from rona_ui.window.browser import Browser

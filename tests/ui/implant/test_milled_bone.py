@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 
 from rona_core.app.runtime.jobs import JobStatus
-from rona_core.app.steps.implant.bone_left import bone_over_bed
-from rona_core.app.steps.implant.milling_motion import milling_duration_s, milling_plan_of
-from rona_core.app.steps.implant.view import milling_view
+from rona_core.app.steps.implant.view import (
+    bone_over_bed,
+    milling_duration_s,
+    milling_plan_of,
+    milling_view,
+)
 from rona_core.session.document import Session
 from rona_ui.panels.layout.bars import milling_words
-from rona_ui.presentation.shown import replay_duration_s, shown_joints, shown_robot
+from rona_ui.presentation.snapshot import replay_duration_s, shown_joints, shown_robot
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.implant import (
     AROUND,

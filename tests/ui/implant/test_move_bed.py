@@ -10,7 +10,7 @@ from rona_core.app.steps.implant.view import moved_bed
 from rona_core.compose import new_workbench
 from rona_core.errors import StepBlockedError
 from rona_core.session.document import Session
-from rona_ui.presentation.shown import opens_window
+from rona_ui.presentation.snapshot import opens_window
 from rona_ui.scene.implant import MOVED, MovedBedLayer, ring_base
 from tests.ui.implant.test_implant_layers import drawn, looked_at
 from tests.ui.implant.test_implant_panel import STEP, panel_of, snapshot

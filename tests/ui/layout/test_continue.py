@@ -17,7 +17,7 @@ from rona_core.devices.live import LiveState
 from rona_core.session.document import Session
 from rona_ui.panels.layout.bars import GO_ON, RunBar
 from rona_ui.panels.layout.docks import STEP_PANELS
-from rona_ui.panels.widgets.panel_context import PanelContext
+from rona_ui.panels.widgets.form import PanelContext
 from rona_ui.panels.widgets.step_panel import StepPanel
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState

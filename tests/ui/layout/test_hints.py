@@ -7,9 +7,8 @@ from typing import Any
 import pytest
 
 from rona_ui.panels.layout.docks import STEP_PANELS, TAB_PANELS, Docks
-from rona_ui.viewer.fields import OTHERS, TYPED, Fields, full_hint
+from rona_ui.viewer.fields import HINTS, OTHERS, TYPED, Fields, full_hint
 from rona_ui.viewer.gateway import ViewerGateway, uuid_of
-from rona_ui.viewer.hints import HINTS
 from tests.ui.layout.test_one_verdict import NOTHING
 
 STEP = re.compile(r"Step \d+: ")  # a button over a row of the list, whose title is its reason

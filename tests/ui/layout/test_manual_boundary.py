@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from rona_core.app.steps.boundaries.ascan_view import scan_number_at
-from rona_core.app.steps.boundaries.handlers import detection_of_scan
 from rona_core.app.steps.boundaries.messages import CorrectBoundary
-from rona_core.app.steps.handheld.inputs import HAND_POSES
+from rona_core.app.steps.boundaries.step import detection_of_scan
+from rona_core.app.steps.handheld.derivation import HAND_POSES
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
 from rona_ui.panels.scan.ascan import AScanPanel

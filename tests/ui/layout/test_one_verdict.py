@@ -25,11 +25,10 @@ from rona_ui.panels.maps.maps import MapsPanel
 from rona_ui.panels.pointer import PointerPanel
 from rona_ui.panels.scan.scan import ScanPanel
 from rona_ui.panels.smoothing import SmoothingPanel
-from rona_ui.panels.widgets.panel_context import PanelContext
+from rona_ui.panels.widgets.form import PanelContext
 from rona_ui.panels.widgets.step_panel import judged
 from rona_ui.panels.widgets.style import STATES
-from rona_ui.presentation.shown import probe_on_bone, shown_joints
-from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.snapshot import Snapshot, probe_on_bone, shown_joints
 from rona_ui.presentation.static_scene import StaticScene
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.roll import RollsLayer

@@ -9,8 +9,8 @@ import numpy as np
 
 from rona_core.app.dependencies.judge import step_states
 from rona_core.app.runtime.jobs import JobStatus
-from rona_core.app.steps.maps.accuracy import map_accuracy
 from rona_core.app.steps.maps.comparison import MapComparison
+from rona_core.app.steps.maps.inputs import map_accuracy
 from rona_core.app.steps.maps.view import layers_of
 from rona_core.devices.live import LiveState
 from rona_core.mapping.accuracy.map_accuracy import accuracy_words
@@ -19,10 +19,15 @@ from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import Session
 from rona_ui.panels.layout.quality import QualityPanel
 from rona_ui.panels.maps.maps import MapsPanel, color_bar
-from rona_ui.panels.widgets.panel_context import PanelContext
+from rona_ui.panels.widgets.form import PanelContext
 from rona_ui.presentation.colors import BLUE, VERMILLION
-from rona_ui.presentation.shown import opening_step, opening_view, shown_joints, shows_roll_preview
-from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.snapshot import (
+    Snapshot,
+    opening_step,
+    opening_view,
+    shown_joints,
+    shows_roll_preview,
+)
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.line_colors import sent_color
 from rona_ui.scene.maps.maps import MapLayer, ScanLayer

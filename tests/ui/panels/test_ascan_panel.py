@@ -21,10 +21,9 @@ from rona_core.session.document import Session
 from rona_ui.panels.maps.maps import MapsPanel
 from rona_ui.panels.scan.ascan import BELOW, SERIES, AScanPanel, ascan_data, box
 from rona_ui.panels.scan.bscan_slider import FINE, HEIGHT_PX, STRIP_PX, scan_pixels
-from rona_ui.panels.widgets.panel_context import PanelContext
+from rona_ui.panels.widgets.form import PanelContext
 from rona_ui.presentation.colors import GREEN, ORANGE, SKY
-from rona_ui.presentation.shown import shown_joints
-from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.snapshot import Snapshot, shown_joints
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.maps.maps import CELLS, PATH, SecondLayer
 from tests.helpers.ui.fake_gui import FakeClient, FakeGui

@@ -14,7 +14,7 @@ from rona_core.compose import new_workbench
 from rona_core.errors import InvalidInputError
 from rona_core.session.document import Session
 from rona_ui.panels.maps.comparison import ComparisonFolder, comparison_message
-from rona_ui.presentation.shown import opens_window
+from rona_ui.presentation.snapshot import opens_window
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.path.path import point_at
 from rona_ui.window.browser import COMPARE

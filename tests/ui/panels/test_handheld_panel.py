@@ -17,9 +17,8 @@ from rona_core.geometry.mesh import Mesh
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
 from rona_ui.panels.handheld import HandheldControls
-from rona_ui.panels.widgets.panel_context import PanelContext
-from rona_ui.presentation.shown import shown_maps, shown_maps_key, shows_handheld_maps
-from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.panels.widgets.form import PanelContext
+from rona_ui.presentation.snapshot import Snapshot, shown_maps, shown_maps_key, shows_handheld_maps
 from rona_ui.presentation.static_scene import StaticScene
 from rona_ui.presentation.view_state import ViewState
 from tests.helpers.ui.fake_gui import FakeClient, FakeGui

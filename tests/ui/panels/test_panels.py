@@ -32,7 +32,7 @@ from rona_ui.panels.scan.scan import ScanPanel
 from rona_ui.panels.setup.setup import SetupPanel
 from rona_ui.panels.tool.tool import ToolPanel
 from rona_ui.panels.widgets.capture_controls import DrawingControls
-from rona_ui.panels.widgets.panel_context import PanelContext
+from rona_ui.panels.widgets.form import PanelContext
 from rona_ui.presentation.mouse_input import without_mode
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import NEEDED, ViewState

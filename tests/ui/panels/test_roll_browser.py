@@ -44,7 +44,7 @@ from rona_ui.panels.roll.roll_browser import (
 )
 from rona_ui.presentation.camera import STEP_PRESETS
 from rona_ui.presentation.colors import GREEN, VERMILLION, css, viridis
-from rona_ui.presentation.shown import MARGIN_SCALE_MAX, shown_joints
+from rona_ui.presentation.snapshot import MARGIN_SCALE_MAX, shown_joints
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.line_colors import sent_colors
 from rona_ui.scene.roll import PATH, STOP, WORDS, MarginsLayer

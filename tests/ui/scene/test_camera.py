@@ -21,8 +21,7 @@ from rona_ui.presentation.camera import (
     about_pointer,
     camera_pose,
 )
-from rona_ui.presentation.shown import shown_preset
-from rona_ui.presentation.snapshot import Snapshot
+from rona_ui.presentation.snapshot import Snapshot, shown_preset
 from rona_ui.presentation.static_scene import StaticScene
 from rona_ui.presentation.view_state import ViewState
 

@@ -7,7 +7,7 @@ import pytest
 
 from rona_core.geometry.mesh import Mesh
 from rona_ui.presentation.static_scene import StaticScene
-from rona_ui.scene.on_bone import on_bone
+from rona_ui.scene.viser_nodes import on_bone
 from tests.ui.scene.test_camera import MIDDLE, SCENE
 
 RADIUS_MM, HEIGHT_MM = 75.0, 0.6

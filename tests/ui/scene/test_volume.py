@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rona_core.app.steps.boundaries.handlers import correct_boundary
 from rona_core.app.steps.boundaries.messages import CorrectBoundary
+from rona_core.app.steps.boundaries.step import correct_boundary
 from rona_core.app.steps.maps.volume import echo_volume
 from rona_ui.panels.maps.volume import VolumeFolder
 from rona_ui.presentation.view_state import ViewState, VolumeView

@@ -1,4 +1,4 @@
-"""The sessions folder: which open session a file belongs to, and under which name one is saved."""
+"""The sessions folder: which open session a file belongs to, its name; captures as files."""
 
 import re
 import threading
@@ -6,8 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from rona_core.devices.settings import hidden_characters
-from rona_core.errors import FileChangedError, InvalidInputError, NameTakenError
+from rona_core.devices.files.poses.sequences import SUFFIX as IGS_SUFFIX
+from rona_core.devices.files.poses.sequences import write_igs_mha
+from rona_core.devices.recording import Recording
+from rona_core.devices.settings import TOOL_TITLES, hidden_characters
+from rona_core.errors import FileChangedError, InvalidInputError, NameTakenError, NotFoundError
+from rona_core.session.captures import PointerCapture, ToolCapture
 from rona_core.session.document import Session
 from rona_core.session.files import (
     SUFFIX,
@@ -205,3 +209,51 @@ def _require_free(path: Path, owner: str | None) -> None:
         raise NameTakenError(
             f"{path.name} {what}: choose another name, or say that it is to be replaced"
         )
+
+
+@dataclass(frozen=True, slots=True)
+class ExportedFile:
+    """A file to be saved under its name."""
+
+    name: str
+    data: bytes
+
+
+def recorded_captures(session: Session) -> tuple[tuple[int, str], ...]:
+    """Return ordinal and words of every capture that holds a stream of the tracker."""
+    held = session.captures
+    in_use = {
+        id(capture): words
+        for words, captures in (
+            ("tool", (held.tool,)),
+            ("pointer", (held.pointer,)),
+            ("surface", held.surface),
+            ("path", (held.path,)),
+        )
+        for capture in captures
+    }
+    streams = [c for c in session.archive if isinstance(c, ToolCapture | PointerCapture)]
+    return tuple(
+        (c.ordinal, f"{c.ordinal}: {in_use.get(id(c), 'earlier')}, {_tool(c)}") for c in streams
+    )
+
+
+def _tool(capture: ToolCapture | PointerCapture) -> str:
+    return TOOL_TITLES.get(capture.marker.tool, capture.marker.tool)
+
+
+def export_recording(session: Session, ordinal: int) -> ExportedFile:
+    """Return what the tracker saw in one capture as a sequence file (``.igs.mha``).
+
+    Raises:
+        NotFoundError: no such capture, or one without a stream of the tracker.
+        InvalidInputError: the tool was seen in no frame.
+    """
+    capture = next((c for c in session.archive if c.ordinal == ordinal), None)
+    if not isinstance(capture, ToolCapture | PointerCapture):
+        known = ", ".join(str(number) for number, _ in recorded_captures(session)) or "none"
+        what = "there is no capture" if capture is None else "no stream of the tracker in capture"
+        raise NotFoundError(f"{what} {ordinal}; captures with one are {known}")
+    data = write_igs_mha(Recording.from_track(capture.marker))
+    plain = "".join(c if c.isalnum() or c in "-_" else "_" for c in session.name)
+    return ExportedFile(f"{plain}_{ordinal}_{capture.marker.tool}{IGS_SUFFIX}", data)

@@ -8,8 +8,7 @@ from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext, Message, Remedy
 from rona_core.app.dependencies.judge import by_verdict
 from rona_core.app.dependencies.staleness import capture_setup_digest, required, stale_reason
-from rona_core.app.runtime.handling import compute_result, computed, record
-from rona_core.app.runtime.recording import begin
+from rona_core.app.runtime.handling import begin, compute_result, computed, record
 from rona_core.app.steps.acoustics import messages
 from rona_core.app.steps.acoustics.derivation import (
     BLOCK,

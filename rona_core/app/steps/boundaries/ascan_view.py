@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rona_core.app.dependencies.staleness import required
-from rona_core.app.steps.acoustics.thickness_uncertainty import speed_of_maps
-from rona_core.app.steps.boundaries.handlers import detection_of_scan, scans_of
-from rona_core.app.steps.handheld.inputs import HAND_POSES
+from rona_core.app.steps.acoustics.view import speed_of_maps
+from rona_core.app.steps.boundaries.step import detection_of_scan, scans_of
+from rona_core.app.steps.handheld.derivation import HAND_POSES
 from rona_core.app.steps.scan.derivation import PLACES, POSES, joined_poses
 from rona_core.app.steps.scan.planned_motion import replayed
 from rona_core.devices.samples import AScan, AScanTrack

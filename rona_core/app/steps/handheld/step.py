@@ -9,15 +9,24 @@ from rona_core.app.declarations.declarations import ActivityContext, Message, Re
 from rona_core.app.dependencies.judge import by_verdict
 from rona_core.app.dependencies.staleness import capture_setup_digest
 from rona_core.app.messages.message import StoreCapture
-from rona_core.app.runtime.handling import compute, compute_result, record
-from rona_core.app.runtime.recording import begin, capture_hand, part_of
+from rona_core.app.runtime.handling import (
+    begin,
+    capture_hand,
+    compute,
+    compute_result,
+    part_of,
+    record,
+)
 from rona_core.app.steps.handheld import messages
 from rona_core.app.steps.handheld.derivation import (
+    CALIBRATION,
+    PIVOT,
+    SCAN,
+    SPIN,
     calibrate_held_probe,
     find_boundaries_by_hand,
     map_scan_by_hand,
 )
-from rona_core.app.steps.handheld.inputs import CALIBRATION, PIVOT, SCAN, SPIN
 from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.devices.samples import AScan, AScanTrack, ToolTrack, TrackerFrame
 from rona_core.devices.settings import SONO

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rona_core.app.steps.implant.inputs import LinesInputs
+from rona_core.app.steps.implant.derivation import LinesInputs
 from rona_core.app.steps.implant.messages import StartBedLines
-from rona_core.app.steps.maps.accuracy import draws_of
+from rona_core.app.steps.maps.inputs import draws_of
 from rona_core.app.steps.maps.messages import Row
 from rona_core.app.steps.path.inputs import allowed_in_patch
 from rona_core.devices.protocols import Cancel, Progress

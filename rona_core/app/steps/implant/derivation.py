@@ -1,31 +1,156 @@
-"""Compute step 10: the bed of an implant in the maps as they may be."""
+"""Step 10: what the bed of an implant is computed from, and the bed in the maps as they may be."""
+
+from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
 from rona_core.app.declarations.figures import FIGURES
+from rona_core.app.declarations.inputs import Input, Quantity, given, inputs
+from rona_core.app.dependencies.staleness import result_input
 from rona_core.app.runtime.process_pool import release_memory
-from rona_core.app.steps.implant.implant_bed import LACKS, ImplantBed, PlacedBed, TriedLift
-from rona_core.app.steps.implant.inputs import BedInputs
+from rona_core.app.steps.acoustics.derivation import DETECTION
+from rona_core.app.steps.implant.burr.inputs import KNOWN_BURR, BurrRegistration
 from rona_core.app.steps.implant.messages import Corners, PlaceBed, StartBedSearch
-from rona_core.app.steps.maps.accuracy import draws_of
+from rona_core.app.steps.implant.milling_plan import MillingPlan
+from rona_core.app.steps.maps.inputs import MAPS, OF_MAPS, TERMS, draws_of
+from rona_core.app.steps.path.inputs import PAINTED
+from rona_core.app.steps.setup.capture_parts import MODEL, OBSTACLES
+from rona_core.app.steps.tool.derivation import TOOL
+from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.errors import CancelledError, InvalidInputError
+from rona_core.geometry.arrays import Floats, Ints, Vector3
+from rona_core.geometry.pose import Pose
 from rona_core.mapping.accuracy.map_terms import MapTerms
 from rona_core.mapping.boundary_map import Maps
-from rona_core.path.zones import Zone
+from rona_core.path.zones import PaintedRegions, Zone
 from rona_core.planning.implants.implant import MOST_LIFT_MM, implant_named
 from rona_core.planning.milling.plan_milling import milling_settings
 from rona_core.planning.milling.removal import planned_bed
 from rona_core.planning.placement.evaluate import judge_placement, solid_points
-from rona_core.planning.placement.figures import PlacementFigures, Shortfall
+from rona_core.planning.placement.figures import Chance, PlacementFigures, ScrewFigures, Shortfall
 from rona_core.planning.placement.problem import (
+    ExecutionError,
     MappedBone,
     Placement,
     PlacementLimits,
     PlacementProblem,
+    execution_error,
 )
 from rona_core.planning.placement.search import search_placements
+from rona_core.robot.collision.obstacles import Obstacles
+from rona_core.session.codec import OMIT_EMPTY
 from rona_core.session.memo import Memo
+from rona_core.ultrasound.detection.detect import Detection
+
+Lacks = Literal["nothing", "maps", "distance", "bone", "certainty"]
+LACKS: tuple[Lacks, ...] = ("nothing", "maps", "distance", "bone", "certainty")  # by `Shortfall`
+
+
+@dataclass(frozen=True, slots=True)
+class TriedLift:
+    """One lift of a search, and the probability of its best placement."""
+
+    lift_mm: float
+    probability: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlacedBed:
+    """A bed laid on the bone. What is None is not known, since not all of the bed is mapped."""
+
+    placement: Placement
+    T_base_bed: Pose
+    lacks: Lacks
+    chance: Chance | None  # that the limit holds everywhere below the bed
+    residual_mm: float | None  # least bone below it, by the maps
+    thinnest_base: Vector3 | None  # (3,) lowest place of the bed there
+    rim_above_mm: float  # by which bone stands above the seat at the rim, at most
+    rim_below_mm: float  # by which the seat stands out of the bone there, at most
+    unmapped_mm: float  # to the next cell that is not mapped
+    screws: tuple[ScrewFigures, ...]
+
+    @property
+    def probability(self) -> float:
+        """Least probability of the bed and of each screw; 0 where it is not known."""
+        if self.chance is None:
+            return 0.0
+        return min(self.chance.probability, *(s.chance.probability for s in self.screws), 1.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImplantBed:
+    """Step 10: an implant, what was asked of its bed, and where that lies."""
+
+    implant: str
+    lift_mm: float
+    limit_mm: float
+    required: float  # probability
+    burr_mm: float
+    placed: PlacedBed | None  # None: nowhere is it wholly mapped
+    refusal: str | None  # why it is not safe; None where it is
+    tried: tuple[TriedLift, ...] = ()  # of a search
+    probability: Floats | None = None  # (nu, nv) with its middle in each cell, best turned; search
+    lacks: Ints | None = None  # (nu, nv) of these, rows of ``LACKS``
+    # 3D standard deviation of the registered tip of the burr; None: it was not registered
+    burr_sigma_mm: float | None = field(default=None, metadata=OMIT_EMPTY)
+
+
+WANTED = "place the implant bed (step 10)"
+BED: Input[ImplantBed] = result_input("bed")
+MILLING: Input[MillingPlan] = result_input("milling")
+
+
+def _execution_error(burr: BurrRegistration | None, robot: str) -> ExecutionError:
+    return execution_error(robot, None if burr is None else burr.tip_sigma_mm)
+
+
+EXECUTION: Quantity[ExecutionError] = Quantity(
+    _execution_error, {"burr": KNOWN_BURR, "robot": MODEL}
+)
+
+
+@inputs(implied=OF_MAPS)
+class BedInputs:
+    """What a bed is laid in."""
+
+    maps: Maps = given(MAPS, "maps")
+    tool: ToolRegistration = given(TOOL, "tool")
+    burr: BurrRegistration | None = given(KNOWN_BURR, "burr")
+    execution: ExecutionError = given(EXECUTION)
+    terms: MapTerms | None = given(TERMS)
+
+    @property
+    def burr_sigma_mm(self) -> float | None:
+        """3D standard deviation of the registered tip of the burr; None: it was not registered."""
+        return None if self.burr is None else self.burr.tip_sigma_mm
+
+
+@inputs(implied=(*OF_MAPS, "painted regions"))
+class LinesInputs:
+    """What lines for a bed are found with."""
+
+    bed: ImplantBed = given(BED, "bed")
+    maps: Maps = given(MAPS, "maps")
+    tool: ToolRegistration = given(TOOL, "tool")
+    execution: ExecutionError = given(EXECUTION)
+    terms: MapTerms | None = given(TERMS)
+    detection: Detection = given(DETECTION, "detection")
+    painted: PaintedRegions | None = given(PAINTED, "painted regions")
+
+
+@inputs()
+class MillingInputs:
+    """What the milling of a bed is planned with."""
+
+    bed: ImplantBed = given(BED, "bed")
+    maps: Maps = given(MAPS, "maps")
+    tool: ToolRegistration = given(TOOL, "tool")
+    burr: BurrRegistration | None = given(KNOWN_BURR, "burr")
+    robot: str = given(MODEL, "robot")
+    obstacles: Obstacles = given(OBSTACLES, "obstacles")
+
 
 RESIDUAL = FIGURES["bed_residual_mm"]
 

@@ -1,16 +1,16 @@
 """Files of a bed for other programs: milling path, milled body, markups, robot's motion."""
 
 from rona_core.app.declarations.declarations import Export
-from rona_core.app.steps.implant.inputs import WANTED
-from rona_core.app.steps.implant.milling_motion import (
+from rona_core.app.steps.implant.derivation import WANTED
+from rona_core.app.steps.implant.view import (
     milling_model,
     milling_motion,
     milling_plan_of,
     milling_stale,
+    milling_view,
     require_certified,
 )
-from rona_core.app.steps.implant.view import milling_view
-from rona_core.app.steps.roll.export import held, is_urscript, motion_exports
+from rona_core.app.steps.roll.step import held, is_urscript, motion_exports
 from rona_core.devices.robots import UNIVERSAL
 from rona_core.errors import StepBlockedError
 from rona_core.planning.implants.bed_markups import bed_markups

@@ -20,10 +20,15 @@ from rona_core.app.steps.acoustics.messages import StartCaliperMeasurements
 from rona_core.app.steps.implant.bed_lines import find_bed_lines
 from rona_core.app.steps.implant.burr.inputs import KNOWN_BURR
 from rona_core.app.steps.implant.burr.messages import StartBurrCapture
-from rona_core.app.steps.implant.derivation import lay_bed, search_bed
+from rona_core.app.steps.implant.derivation import (
+    BED,
+    MILLING,
+    WANTED,
+    ImplantBed,
+    lay_bed,
+    search_bed,
+)
 from rona_core.app.steps.implant.export import EXPORTS
-from rona_core.app.steps.implant.implant_bed import ImplantBed
-from rona_core.app.steps.implant.inputs import BED, MILLING, WANTED
 from rona_core.app.steps.implant.messages import (
     PlaceBed,
     PlanMilling,
@@ -31,7 +36,7 @@ from rona_core.app.steps.implant.messages import (
     StartBedLines,
     StartBedSearch,
 )
-from rona_core.app.steps.implant.milling_derivation import plan_bed_milling
+from rona_core.app.steps.implant.milling import plan_bed_milling
 from rona_core.app.steps.implant.milling_plan import (
     MillingPlan,
     milling_summary,

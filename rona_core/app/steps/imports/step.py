@@ -21,7 +21,7 @@ from rona_core.app.steps.scan.landmarks.messages import VerifyLandmarks
 from rona_core.app.steps.scan.messages import CalibrateProbeMounting
 from rona_core.app.steps.surface.messages import BuildSurface, TakeCloud
 from rona_core.app.steps.tool.messages import RegisterTool
-from rona_core.devices.files.hdf5_tree import read_hdf5_tree
+from rona_core.devices.files.arrays import read_hdf5_tree
 from rona_core.devices.files.point_files import read_points
 from rona_core.devices.files.reader_process import Found
 from rona_core.devices.files.size_limits import read_file

@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike
 from rona_core.app.declarations.declarations import ActivityContext
 from rona_core.app.dependencies.staleness import required, stale_reason
 from rona_core.app.messages.message import Answer
-from rona_core.app.steps.maps.accuracy import map_accuracy
-from rona_core.app.steps.maps.inputs import MAPS
+from rona_core.app.steps.maps.inputs import MAPS, map_accuracy
 from rona_core.app.steps.maps.messages import StartComparison
 from rona_core.devices.files.size_limits import read_file
 from rona_core.devices.files.triangle_file import MESH_SUFFIXES, read_triangles

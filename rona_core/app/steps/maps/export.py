@@ -10,8 +10,7 @@ from functools import partial
 from rona_core import __version__
 from rona_core.app.declarations.declarations import Export
 from rona_core.app.dependencies.staleness import required, stale_reason
-from rona_core.app.steps.maps.accuracy import map_accuracy
-from rona_core.app.steps.maps.inputs import MAPS
+from rona_core.app.steps.maps.inputs import MAPS, map_accuracy
 from rona_core.app.steps.maps.volume import volume_file
 from rona_core.errors import StaleResultError
 from rona_core.mapping.accuracy.error_terms import CellSigma

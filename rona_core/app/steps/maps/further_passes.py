@@ -7,7 +7,7 @@ from rona_core.app.steps.maps.messages import StartTiltPlan, StartTiltScan
 from rona_core.app.steps.roll.certificate_view import why_no_plan
 from rona_core.app.steps.scan.inputs import Passes, usable_second
 from rona_core.app.steps.scan.messages import StartQuickLook
-from rona_core.app.steps.scan.quick_look import probe_advice
+from rona_core.app.steps.scan.step import probe_advice
 from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.devices.probes import PROBE_DATA
 from rona_core.mapping.boundary_map import Maps

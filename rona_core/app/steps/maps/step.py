@@ -11,6 +11,8 @@ from rona_core.app.steps.maps.derivation import (
     build_maps,
     find_boundaries,
     find_inner_boundary,
+    plan_tilts,
+    plan_tilts_again,
 )
 from rona_core.app.steps.maps.export import EXPORTS, VOLUME
 from rona_core.app.steps.maps.further_passes import (
@@ -28,7 +30,6 @@ from rona_core.app.steps.maps.messages import (
     StartTiltPlan,
     StartTiltScan,
 )
-from rona_core.app.steps.maps.tilt_plan import plan_tilts, plan_tilts_again
 from rona_core.app.steps.scan.captures import capture_scan
 from rona_core.app.steps.scan.derivation import SCAN
 from rona_core.app.steps.scan.landmarks.step import LANDMARKS, verified_first

@@ -12,8 +12,7 @@ from rona_core.app.dependencies.judge import require_inputs
 from rona_core.app.dependencies.references import carried_remark
 from rona_core.app.dependencies.staleness import required, stale_reason
 from rona_core.app.messages.message import Point, message_from
-from rona_core.app.runtime.handling import compute_result, read_inputs, record
-from rona_core.app.runtime.recording import capture_stroke
+from rona_core.app.runtime.handling import capture_stroke, compute_result, read_inputs, record
 from rona_core.app.steps.path import messages
 from rona_core.app.steps.path.derivation import draw_pattern, map_path, path_from_elsewhere
 from rona_core.app.steps.path.inputs import (

@@ -5,8 +5,7 @@ from rona_core.app.declarations.declarations import ActivityContext, Remedy
 from rona_core.app.declarations.figures import FIGURES
 from rona_core.app.dependencies.judge import by_verdict
 from rona_core.app.messages.message import message_from
-from rona_core.app.runtime.handling import compute_result, record
-from rona_core.app.runtime.recording import capture_hand
+from rona_core.app.runtime.handling import capture_hand, compute_result, record
 from rona_core.app.steps.pointer.derivation import POINTER, POINTER_CAPTURE, calibrate
 from rona_core.app.steps.pointer.messages import CalibratePointer, ExcludePoses, StartPointerCapture
 from rona_core.app.steps.setup import capture_parts as parts

@@ -6,8 +6,7 @@ from dataclasses import fields, replace
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext, Message
 from rona_core.app.dependencies.judge import require_inputs
-from rona_core.app.runtime.handling import record
-from rona_core.app.runtime.recording import begin
+from rona_core.app.runtime.handling import begin, record
 from rona_core.app.steps.path.messages import BuildPath, StartPathCapture
 from rona_core.app.steps.pointer.messages import CalibratePointer, StartPointerCapture
 from rona_core.app.steps.pointer.pivot_report import require_marker_poses

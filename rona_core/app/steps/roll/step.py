@@ -1,12 +1,20 @@
-"""Roll: motion planning over the free angle about the probe, and placement of the base."""
+"""Roll: motion over the free angle about the probe, placement of the base, files of both."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal
 
 from rona_core.app.declarations import declarations as declare
-from rona_core.app.declarations.declarations import USABLE, ActivityContext, Judgement, Remedy
+from rona_core.app.declarations.declarations import (
+    USABLE,
+    ActivityContext,
+    Export,
+    Judgement,
+    Remedy,
+)
 from rona_core.app.dependencies.judge import fresh, require_inputs
-from rona_core.app.dependencies.staleness import required, stale_reason
+from rona_core.app.dependencies.staleness import required, session_obstacles, stale_reason
 from rona_core.app.messages.message import StoreResult, serialize_arguments, values_of
 from rona_core.app.runtime.handling import compute, compute_result
 from rona_core.app.steps.roll import messages
@@ -21,7 +29,6 @@ from rona_core.app.steps.roll.derivation import (
     take_motion,
     take_motion_again,
 )
-from rona_core.app.steps.roll.export import EXPORTS
 from rona_core.app.steps.roll.inputs import DRIVEN, MOTION, OWN_ROLLS, PLACEMENT, ROLL, SMOOTHING
 from rona_core.app.steps.roll.messages import ApplyBasePlacement, StartBasePlacement
 from rona_core.app.steps.setup import capture_parts as parts
@@ -34,9 +41,70 @@ from rona_core.errors import NotReachableError, StaleResultError, StepBlockedErr
 from rona_core.geometry.arrays import Bools, Floats
 from rona_core.geometry.pose import Pose
 from rona_core.robot.base_placement.reachability import BasePlace, BasePlacement, base_pose
+from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.robot.motion_files.certified import CertifiedMotion
+from rona_core.robot.motion_files.formats import URSCRIPT, WRITERS
 from rona_core.robot.planning.plan import RobotPlan
+from rona_core.robot.verification.certificate import Certificate
 from rona_core.session.captures import MotionCapture
 from rona_core.session.document import Derived, Session
+
+Motion = Callable[[Session], CertifiedMotion]
+
+
+def motion_exports(name: str, says: str, motion: Motion) -> tuple[Export, ...]:
+    """Return an export of a motion in each format."""
+
+    def written(write: Callable[[CertifiedMotion], bytes], session: Session) -> bytes:
+        return write(motion(session))
+
+    return tuple(
+        Export(f"{name}.{ending}", f"{says}: {words}", partial(written, write), "motion")
+        for ending, (words, write) in WRITERS.items()
+    )
+
+
+def is_urscript(name: str) -> bool:
+    """Return whether an export is for arms of Universal Robots alone."""
+    return name.endswith(f".{URSCRIPT}")
+
+
+def held(certificate: Certificate | None) -> Certificate:
+    """Return a certificate.
+
+    Raises:
+        StepBlockedError: there is none.
+    """
+    if certificate is None:
+        raise StepBlockedError("the motion was never verified: plan it again")
+    return certificate
+
+
+def scan_motion(session: Session) -> CertifiedMotion:
+    """Return the planned motion of the scan, certified for the robot and surroundings of now.
+
+    Its table has the way along the scan path beside each sample.
+
+    Raises:
+        StepBlockedError: there is no plan, or none that is certified; it says why.
+        StaleResultError: the plan is out of date.
+    """
+    plan = required(ROLL, session)
+    if (reason := stale_reason("roll", session)) is not None:
+        raise StaleResultError(f"the plan of the scan is stale: {reason}")
+    motion, certificate = plan.trajectory, held(plan.certificate)
+    if motion is None or not plan.may_move:
+        raise StepBlockedError(f"the robot cannot scan this path: {plan_reason(session)}")
+    model = robot_model(session.setup.devices.robot.model)
+    refusal = certificate.refusal(motion, model, session_obstacles(session))
+    if refusal is not None:
+        raise StepBlockedError(f"the robot cannot scan this path: {refusal}")
+    columns = {"path_mm": motion.path_mm.tolist()}
+    return CertifiedMotion(model, motion, certificate, "scan_path", columns)
+
+
+EXPORTS = motion_exports("scan_motion", "certified scan", scan_motion)
+
 
 __all__ = ["BasePlace", "BasePlacement", "PlacementView", "fresh_placement", "placement_view"]
 

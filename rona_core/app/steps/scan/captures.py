@@ -7,7 +7,7 @@ import numpy as np
 
 from rona_core.app.declarations.declarations import ActivityContext
 from rona_core.app.dependencies.staleness import capture_setup_digest, session_obstacles
-from rona_core.app.runtime.recording import HEAD_HZ, begin, finish
+from rona_core.app.runtime.handling import HEAD_HZ, begin, finish
 from rona_core.app.steps.scan.force_controlled_scan import MOST_CLOCK_SCANS, ContactLoop
 from rona_core.app.steps.scan.inputs import usable_second
 from rona_core.app.steps.tool.robot_motion import STOPPED, FreeMoves, drive_to, require_certified

@@ -1,4 +1,4 @@
-"""Scan: the robot executes the certified plan, the probe records A-scans."""
+"""Scan: the robot executes the certified plan, after a quick look with each probe by hand."""
 
 from dataclasses import replace
 
@@ -6,15 +6,26 @@ import numpy as np
 
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext, Message, Remedy
-from rona_core.app.dependencies.judge import by_verdict, judge_part
+from rona_core.app.dependencies.judge import by_verdict, fresh, judge_part
 from rona_core.app.dependencies.staleness import (
     capture_input,
     capture_setup_digest,
+    required,
     result_input,
     session_obstacles,
 )
-from rona_core.app.runtime.handling import compute_result, record
-from rona_core.app.runtime.recording import ARRIVAL_S, begin, finish
+from rona_core.app.messages.message import StoreCapture
+from rona_core.app.runtime.handling import (
+    ARRIVAL_S,
+    begin,
+    compute_result,
+    computed,
+    derive_all,
+    finish,
+    part_of,
+    record,
+    strip_for_worker,
+)
 from rona_core.app.steps.path.inputs import SMOOTHING
 from rona_core.app.steps.scan.captures import capture_scan
 from rona_core.app.steps.scan.derivation import (
@@ -34,19 +45,94 @@ from rona_core.app.steps.scan.messages import (
     StartScan,
 )
 from rona_core.app.steps.scan.planned_motion import planned_scans
-from rona_core.app.steps.scan.quick_look import take_quick_look
 from rona_core.app.steps.scan.view import unwatched
 from rona_core.app.steps.setup import capture_parts as parts
-from rona_core.app.steps.setup.capture_parts import BLOCK_PROBE
+from rona_core.app.steps.setup.capture_parts import BLOCK_PROBE, LOOK_PROBES
 from rona_core.app.steps.setup.messages import SetProbe
 from rona_core.app.steps.tool.robot_motion import FreeMoves, drive_to, same_place
 from rona_core.devices.samples import AScanTrack
 from rona_core.errors import CancelledError, StepBlockedError
-from rona_core.geometry.arrays import Floats, readonly
+from rona_core.geometry.arrays import Floats, Ints, readonly
+from rona_core.geometry.path5d import Path5D
+from rona_core.mapping.tilted_passes import TiltSettings, tilted_paths
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.document import Session
 from rona_core.ultrasound.acoustic_calibration.probe_mounting import ProbeMounting
+from rona_core.ultrasound.detection.probe_choice import ProbeAdvice, advise
 from rona_core.ultrasound.probe.probe_model import probe_model
+
+SHOTS = 5  # A-scans of a line
+PITCH_MM = 1.0
+RECORDING_SHARE = 0.5  # of the time of a quick look
+DEPTH_MM = 1.0  # by which the collar presses the line of the probe
+
+
+def take_quick_look(
+    activity: StartQuickLook, session: Session, context: ActivityContext
+) -> tuple[Message, ...]:
+    """Carry out `StartQuickLook`."""
+    taken = capture_looks(activity, session, part_of(context, 0.0, RECORDING_SHARE))
+    looked = session.with_capture("looks", taken)
+    part = part_of(context, RECORDING_SHARE, 1.0 - RECORDING_SHARE)
+    values = part.run(derive_all, strip_for_worker(looked), activity)
+    return (StoreCapture("looks", taken), *computed(activity, values, looked))
+
+
+def capture_looks(
+    activity: StartQuickLook, session: Session, context: ActivityContext
+) -> LookCapture:
+    """Record short lines over the path with each probe, upright and tilted.
+
+    Raises:
+        CancelledError: Cancel or Stop was pressed: half a look says nothing.
+    """
+    path = required(SMOOTHING, session).path
+    rows = line_rows(path, activity.lines)
+    ways = (path, *(one.path for one in tilted_paths(path, TiltSettings())))
+    places, axes = path.points_base[rows], np.array([one.axes_base[rows] for one in ways])
+    ordinal = begin(session, context)
+    probes = required(LOOK_PROBES, session)
+    tracks: list[AScanTrack] = []
+    for probe in probes:
+        for towards in axes:
+            if context.cancel():
+                raise CancelledError("the quick look was cancelled: nothing of it is kept")
+            tracks.append(context.rig.bench.record_on_bone(probe, places, towards, DEPTH_MM))
+            context.progress(len(tracks) / (len(probes) * len(axes)))
+    return LookCapture(
+        ordinal=ordinal,
+        setup_digest=capture_setup_digest("looks", session),
+        probes=probes,
+        tracks=tuple(tracks),
+        places_base=readonly(places),
+        axes_base=readonly(axes),
+        lines=activity.lines,
+        depth_mm=DEPTH_MM,
+    )
+
+
+def line_rows(path: Path5D, lines: int) -> Ints:
+    """Return the points (lines * ``SHOTS``) of a path that are nearest to short lines along it.
+
+    The lines are spread evenly over the path; each follows it.
+    """
+    way_mm = path.arc_length_mm()
+    middles = np.linspace(0.0, way_mm[-1], lines + 2)[1:-1]
+    wanted = middles[:, None] + PITCH_MM * (np.arange(SHOTS) - SHOTS // 2)
+    return np.abs(way_mm - wanted.reshape(-1, 1)).argmin(axis=1)
+
+
+def probe_advice(session: Session) -> ProbeAdvice | None:
+    """Return what the quick look says about the probe; None without one, or where it is stale."""
+    look = fresh("quick_look", session)
+    if look is None:
+        return None
+    advice = advise(look, session.setup.devices.probe.name)
+    if not advice.another:
+        return advice
+    words = "Choose it in step 1" + (" and scan again." if session.captures.scan else ".")
+    return replace(advice, sentence=f"{advice.sentence} {words}")
+
 
 DEPTHS_MM = (0.3, 0.6, 0.9, 1.2)  # of the gauge plate; a scan at 3 N presses by 1.5 mm
 

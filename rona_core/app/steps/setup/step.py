@@ -1,6 +1,7 @@
 """Set-up: specimen, devices, work cell and seed."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext
@@ -15,7 +16,7 @@ from rona_core.devices.settings import (
 from rona_core.devices.world_settings import WorldSettings
 from rona_core.errors import NotFoundError
 from rona_core.path.zones import PaintedRegions
-from rona_core.robot.kinematics.catalog import robot_model
+from rona_core.robot.kinematics.catalog import figures_of, robot_model
 from rona_core.session.document import RegionChoice, Session
 from rona_core.session.specimen import BoneChoice, SimulatedSkull
 
@@ -206,3 +207,29 @@ STEP = declare.Step(
     ),
     line=declare.StepLine("Set-up", _summary),
 )
+
+
+@dataclass(frozen=True, slots=True)
+class RobotFigure:
+    """One figure of a robot and its origin."""
+
+    name: str
+    key: str  # by which it is overridden; empty where only another description file can
+    values: tuple[float, ...]
+    unit: str
+    trust: str
+    sourced: bool  # false: assumed, without a source
+    source: str
+
+
+@lru_cache(maxsize=4)
+def robot_figures(model: str) -> tuple[RobotFigure, ...]:
+    """Return the rows of one robot.
+
+    Raises:
+        InvalidInputError: no robot of that name, or its description is not installed.
+    """
+    return tuple(
+        RobotFigure(f.name, f.key, f.values, f.unit, f.trust, f.sourced, f.source)
+        for f in figures_of(model)
+    )

@@ -1,15 +1,18 @@
 """Surface: point cloud of the skull, and where a loaded skull lies under it."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+
+import numpy as np
 
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext, Message, Remedy
 from rona_core.app.dependencies.judge import by_verdict
-from rona_core.app.dependencies.references import carried_remark
+from rona_core.app.dependencies.references import carried_remark, reference_of
+from rona_core.app.dependencies.staleness import required
 from rona_core.app.messages.message import StoreCapture
-from rona_core.app.runtime.handling import compute, compute_result
-from rona_core.app.runtime.recording import capture_stroke, part_of
+from rona_core.app.runtime.handling import capture_stroke, compute, compute_result, part_of
 from rona_core.app.steps.pointer.derivation import POINTER
 from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.surface import messages
@@ -21,9 +24,15 @@ from rona_core.app.steps.surface.derivation import (
     cloud_from_elsewhere,
     register_skull,
     require_loaded,
+    tip_of,
 )
 from rona_core.app.steps.tool.derivation import TOOL
 from rona_core.app.steps.tool.step import moved_tracker
+from rona_core.devices.live import LiveState
+from rona_core.devices.samples import ToolTrack, TrackerFrame
+from rona_core.errors import RonaError
+from rona_core.geometry.arrays import Floats, readonly
+from rona_core.geometry.pose import Pose
 from rona_core.session.captures import PointerCapture, PointsCapture
 from rona_core.session.document import Session
 
@@ -166,3 +175,57 @@ STEP = declare.Step(
         leaves=lambda s: (SURFACE,) if is_own_cloud(s) else (SURFACE_CAPTURE, SURFACE),
     ),
 )
+
+
+class StrokeGrower:
+    """Grows the stroke of one capture; each frame is looked at once."""
+
+    def __init__(self, session: Session) -> None:
+        """Prepare for a stroke that is recorded in ``session``."""
+        self._session = session
+        self._n_frames = 0  # that had come when it was looked last
+        self._T_base_tracker: Pose | None = None
+        self._tips_base: Floats = readonly(np.zeros((0, 3)))
+
+    def grown(self, frames: Sequence[TrackerFrame]) -> Floats:
+        """Return the tip (k, 3) in ``base`` in all frames so far in which the pointer was seen.
+
+        None of them while tool or pointer are not calibrated, or the tracker was moved and is not
+        found again: the builder of the cloud is notified.
+        """
+        new, self._n_frames = frames[self._n_frames :], len(frames)
+        if new:
+            try:
+                tips = self._tips(new)
+            except RonaError:
+                return self._tips_base
+            self._tips_base = readonly(np.vstack((self._tips_base, tips)))
+        return self._tips_base
+
+    def _tips(self, frames: Sequence[TrackerFrame]) -> Floats:
+        pointer = self._session.setup.devices.pointer
+        stroke = PointerCapture(
+            ordinal=0,
+            setup_digest="",
+            pointer=pointer,
+            marker=ToolTrack.from_frames(pointer, frames),
+            base=ToolTrack.from_frames("basemarker", frames),
+            tracker_place=self._session.setup.devices.tracker.place,
+        )
+        if self._T_base_tracker is None:
+            self._T_base_tracker = reference_of(self._session, stroke).T_base_tracker
+        return self._T_base_tracker @ tip_of(required(POINTER, self._session), stroke)
+
+
+def replayed_pointer(session: Session, live: LiveState) -> Pose | None:
+    """Return where a recording under way shows the pointer, ``T_base_pointermarker``.
+
+    None while none is played, the tool is not seen, or the tracker is not registered.
+    """
+    registered = session.results.tool
+    if live.origin != "REPLAY" or live.frame is None or registered is None:
+        return None
+    sample = live.frame.tools[0]
+    if sample.T_tracker_marker is None:
+        return None
+    return registered.value.T_base_tracker @ sample.T_tracker_marker

@@ -6,7 +6,7 @@ import numpy as np
 
 from rona_core.app.declarations.declarations import ActivityContext, Message
 from rona_core.app.dependencies.staleness import capture_setup_digest, session_obstacles
-from rona_core.app.runtime.recording import begin, finish, record_frames
+from rona_core.app.runtime.handling import begin, finish, record_frames
 from rona_core.app.steps.tool.messages import StartRobotMove
 from rona_core.devices.protocols import Motion, Robot
 from rona_core.devices.samples import JointSample, JointTrack, ToolTrack, TrackerFrame

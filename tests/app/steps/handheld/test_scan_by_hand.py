@@ -6,7 +6,7 @@ import pytest
 from rona_core.app.declarations.figures import HANDHELD
 from rona_core.app.dependencies.staleness import required, stale_reason
 from rona_core.app.runtime.session_step import Undo, replay
-from rona_core.app.steps.handheld.inputs import DELAY
+from rona_core.app.steps.handheld.derivation import DELAY
 from rona_core.app.steps.handheld.messages import (
     CalibrateHandheldProbe,
     StartHandheldCalibration,

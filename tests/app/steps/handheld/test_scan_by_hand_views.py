@@ -17,15 +17,15 @@ from rona_core.app.steps.boundaries.ascan_view import (
     scan_poses,
     share_of_scan,
 )
-from rona_core.app.steps.boundaries.handlers import detection_of_scan
 from rona_core.app.steps.boundaries.messages import ClearBoundaryCorrections, CorrectBoundary
-from rona_core.app.steps.handheld.inputs import POSED
+from rona_core.app.steps.boundaries.step import detection_of_scan
+from rona_core.app.steps.handheld.derivation import POSED
 from rona_core.app.steps.handheld.messages import (
     StartHandheldCalibration,
     StartHandheldMapping,
     StartHandheldScan,
 )
-from rona_core.app.steps.maps.accuracy import HAND_TERMS, map_accuracy
+from rona_core.app.steps.maps.inputs import HAND_TERMS, map_accuracy
 from rona_core.compose import new_workbench
 from rona_core.devices.trackers import ACCURACY_MM
 from rona_core.errors import InvalidInputError, StepBlockedError

@@ -37,7 +37,7 @@ from rona_core.session.files import load_session
 from rona_ui.panels.path.path import PaintingControls, PathPanel, PatternControls
 from rona_ui.panels.path.smoothed_path import PathGraph, graph
 from rona_ui.panels.smoothing import SmoothingPanel, warning_notes
-from rona_ui.panels.widgets.panel_context import PanelContext
+from rona_ui.panels.widgets.form import PanelContext
 from rona_ui.presentation.colors import viridis
 from rona_ui.presentation.mouse_input import holding
 from rona_ui.presentation.snapshot import Snapshot

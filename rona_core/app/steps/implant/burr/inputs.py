@@ -3,8 +3,11 @@
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
+from rona_core.app.declarations.figures import FIGURES
 from rona_core.app.declarations.inputs import Input, given, inputs
-from rona_core.app.dependencies.judge import usable
+from rona_core.app.dependencies.judge import judge_part, usable
 from rona_core.app.dependencies.references import TRACKER_FIELD
 from rona_core.app.dependencies.staleness import capture_input
 from rona_core.app.steps.setup.capture_parts import MODEL, ROBOT_ERRORS
@@ -12,7 +15,9 @@ from rona_core.app.steps.tool.derivation import TOOL
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.calibration.tracking_error import TrackerErrorField
 from rona_core.geometry.arrays import Bools, Floats, Vector3
+from rona_core.mapping.accuracy.probe_place import SEAT_MM
 from rona_core.session.captures import ToolCapture
+from rona_core.session.document import Session
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,3 +53,25 @@ class BurrInputs:
     robot: str = given(MODEL, "robot")
     errors: bool = given(ROBOT_ERRORS, "errors of the robot")
     field: TrackerErrorField = given(TRACKER_FIELD, "field of the tracker")
+
+
+UNKNOWN = (
+    f"Not registered: the burr may be off by {SEAT_MM:g} mm along each axis, so fewer beds fit."
+)
+
+
+def burr_words(session: Session) -> str:
+    """Return what is known of the burr's tip, and whether it is used; empty if not registered."""
+    held = session.results.get("burr")
+    if held is None:
+        return ""
+    found: BurrRegistration = held.value
+    x, y, z = found.offset_tip.tolist()
+    words = (
+        f"Tip {np.linalg.norm(found.offset_tip):.2f} mm off its drawing (x {x:+.2f}, y {y:+.2f}, "
+        f"z {z:+.2f}), expected error "
+        f"{FIGURES['burr_tip_sigma_mm'].words(found.tip_sigma_mm)}"
+    )
+    judgement = judge_part("burr", session)
+    sentence = judgement.beside(words)
+    return f"{sentence} The milling is corrected." if judgement.holds else sentence

@@ -8,7 +8,7 @@ from rona_core.app.declarations.declarations import ActivityContext
 from rona_core.app.declarations.inputs import Input, given, inputs
 from rona_core.app.dependencies.references import REGISTERED, Registered, found_again
 from rona_core.app.dependencies.staleness import capture_input, capture_setup_digest, result_input
-from rona_core.app.runtime.recording import capture_hand
+from rona_core.app.runtime.handling import capture_hand
 from rona_core.app.steps.pointer.derivation import EVIDENCE, POINTER, Evidence
 from rona_core.app.steps.scan.landmarks.messages import StartLandmarkCapture
 from rona_core.app.steps.setup.capture_parts import reference_input
