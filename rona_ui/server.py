@@ -38,7 +38,6 @@ from rona_ui.api.routes import (
     figures,
     files,
     jobs,
-    motions,
     procedure,
     results,
     sessions,
@@ -158,7 +157,7 @@ def bare_app(hub: SessionRegistry, gateway: ViewerGateway | None, root_path: str
     _add_pages(app)  # before the interface: FastAPI prepares a route when it is first passed
     if gateway is not None:
         app.router.routes.extend(gateway.routes())
-    parts = (sessions, files, procedure, jobs, results, motions, calibrations, figures, events)
+    parts = (sessions, files, procedure, jobs, results, calibrations, figures, events)
     held = (devices.tracker_router, devices.robot_router, devices.probe_router)
     held += (devices.operator_router, jobs.commands_router)
     declared = (jobs.declared_commands(), jobs.declared_jobs())

@@ -28,7 +28,7 @@ from rona_core.virtual.tracker.reporting_rules import MIN_MARKERS
 from rona_core.virtual.tracker.tracker import ViewConditions, observe, white_numbers
 
 if TYPE_CHECKING:
-    from rona_core.app.steps.implant.burr.inputs import BurrRegistration
+    from rona_core.app.steps.implant.burr.derivation import BurrRegistration
     from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
     from rona_core.calibration.handheld.pointer import PointerCalibration
     from rona_core.calibration.surface_registration import SurfaceRegistration

@@ -17,8 +17,7 @@ from rona_core.session.specimen import LoadedSkull
 from rona_ui.panels.tool.tool import VERDICTS
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.capture_controls import DrawingControls, ImportControls, Lifts, Picks
-from rona_ui.panels.widgets.file_folders import LoadFolder
-from rona_ui.panels.widgets.step_panel import StepPanel
+from rona_ui.panels.widgets.step_panel import LoadFolder, StepPanel
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.viewer.bindings import escape
 

@@ -16,8 +16,14 @@ from numpy.random import Generator
 from benchmarks.metric import Metric, Progress
 from rona_core.app.procedure import stages
 from rona_core.app.runtime.handling import read_inputs
-from rona_core.app.steps.implant.bed_lines import find_bed_lines, hearing_around
-from rona_core.app.steps.implant.derivation import BedInputs, ImplantBed, LinesInputs, search_bed
+from rona_core.app.steps.implant.derivation import (
+    BedInputs,
+    ImplantBed,
+    LinesInputs,
+    find_bed_lines,
+    hearing_around,
+    search_bed,
+)
 from rona_core.app.steps.implant.messages import StartBedLines, StartBedSearch
 from rona_core.app.steps.implant.view import floor_base
 from rona_core.app.steps.maps.inputs import drawn_maps

@@ -14,7 +14,7 @@ from numpy.random import Generator
 from scipy.special import ndtri
 
 from rona_core.app.runtime.handling import read_inputs
-from rona_core.app.steps.implant.burr.inputs import KNOWN_BURR
+from rona_core.app.steps.implant.burr.derivation import KNOWN_BURR
 from rona_core.app.steps.implant.burr.messages import StartBurrCapture
 from rona_core.app.steps.implant.derivation import (
     LIFT_STEP_MM,

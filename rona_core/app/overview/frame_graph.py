@@ -8,7 +8,7 @@ import numpy as np
 from rona_core.app.dependencies.judge import judge_part
 from rona_core.app.dependencies.references import placed_reason, reference_of
 from rona_core.app.dependencies.staleness import stale_reason
-from rona_core.app.steps.implant.burr.inputs import BurrRegistration
+from rona_core.app.steps.implant.burr.derivation import BurrRegistration
 from rona_core.app.steps.implant.derivation import ImplantBed
 from rona_core.calibration.hand_eye.reference_markers import head_reference, point_sigmas_mm
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration

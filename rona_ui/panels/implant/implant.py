@@ -15,10 +15,9 @@ from rona_core.app.overview.bed_figures import (
     screw_rows,
 )
 from rona_core.app.overview.bed_risk import bed_risk
-from rona_core.app.steps.implant.bed_lines import BedLines, lines_verdict
-from rona_core.app.steps.implant.burr.inputs import UNKNOWN, burr_words
+from rona_core.app.steps.implant.burr.derivation import UNKNOWN, burr_words
 from rona_core.app.steps.implant.burr.messages import StartBurrCapture
-from rona_core.app.steps.implant.derivation import ImplantBed
+from rona_core.app.steps.implant.derivation import BedLines, ImplantBed, lines_verdict
 from rona_core.app.steps.implant.export import EXPORTS, MOTIONS, offered
 from rona_core.app.steps.implant.messages import (
     PlaceBed,
@@ -41,9 +40,8 @@ from rona_core.app.steps.maps.view import layers_of
 from rona_core.session.document import Session
 from rona_ui.panels.maps.maps import color_bar
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.file_folders import ExportFolder
 from rona_ui.panels.widgets.form import Form, PanelContext, on_change, on_click
-from rona_ui.panels.widgets.step_panel import JudgementNote, StepPanel
+from rona_ui.panels.widgets.step_panel import ExportFolder, JudgementNote, StepPanel
 from rona_ui.presentation.colors import (
     BONE_RIM,
     MILLING_COLORS,

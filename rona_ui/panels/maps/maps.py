@@ -26,9 +26,14 @@ from rona_ui.panels.handheld import HandheldControls
 from rona_ui.panels.maps.comparison import ComparisonFolder
 from rona_ui.panels.maps.volume import VolumeFolder
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.file_folders import ExportFolder
 from rona_ui.panels.widgets.form import Form, PanelContext, on_change, on_click
-from rona_ui.panels.widgets.step_panel import JudgementNote, StepPanel, judged, stopped_note
+from rona_ui.panels.widgets.step_panel import (
+    ExportFolder,
+    JudgementNote,
+    StepPanel,
+    judged,
+    stopped_note,
+)
 from rona_ui.presentation.colors import SKY, css, diverging_css
 from rona_ui.presentation.snapshot import (
     Snapshot,

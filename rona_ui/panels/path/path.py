@@ -14,9 +14,8 @@ from rona_core.app.steps.path.messages import (
 from rona_core.app.steps.path.path_checks import expected_coverage
 from rona_ui.panels.widgets import style
 from rona_ui.panels.widgets.capture_controls import DrawingControls, ImportControls, Lifts, Picks
-from rona_ui.panels.widgets.file_folders import LoadFolder
 from rona_ui.panels.widgets.form import Form, PanelContext
-from rona_ui.panels.widgets.step_panel import StepPanel
+from rona_ui.panels.widgets.step_panel import LoadFolder, StepPanel
 from rona_ui.presentation.colors import BLUE, GREEN, INK, ORANGE, PURPLE, VERMILLION, css
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import PAINTING, Drawing, ViewState

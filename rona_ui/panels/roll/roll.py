@@ -34,9 +34,8 @@ from rona_core.devices.limits import limits_of
 from rona_core.devices.robots import UNIVERSAL
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.file_folders import ExportFolder, LoadFolder
 from rona_ui.panels.widgets.form import Form, PanelContext, on_change
-from rona_ui.panels.widgets.step_panel import StepPanel
+from rona_ui.panels.widgets.step_panel import ExportFolder, LoadFolder, StepPanel
 from rona_ui.presentation.colors import (
     BLOCKED,
     BLUE,

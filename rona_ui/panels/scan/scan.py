@@ -31,10 +31,9 @@ from rona_core.app.steps.setup.messages import SetContact
 from rona_core.geometry.arrays import Floats
 from rona_core.session.document import Session
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.file_folders import ExportFolder, LoadFolder
 from rona_ui.panels.widgets.form import PanelContext, SettingsForm, on_change
 from rona_ui.panels.widgets.graphs import Axis, Graph
-from rona_ui.panels.widgets.step_panel import JudgementNote, StepPanel
+from rona_ui.panels.widgets.step_panel import ExportFolder, JudgementNote, LoadFolder, StepPanel
 from rona_ui.presentation.colors import CATEGORIES, GREEN, SKY, VERMILLION, css
 from rona_ui.presentation.snapshot import Snapshot, changed, shown_growing_map
 from rona_ui.viewer.bindings import escape

@@ -5,8 +5,8 @@ from typing import Any, Literal
 
 from rona_core.app.steps.recordings.messages import StartPivotImport, StartRecordingImport
 from rona_ui.panels.widgets import style
-from rona_ui.panels.widgets.file_folders import store_upload
 from rona_ui.panels.widgets.form import Form, PanelContext, on_click
+from rona_ui.panels.widgets.step_panel import store_upload
 from rona_ui.presentation.mouse_input import (
     LIFTED,
     lifted,

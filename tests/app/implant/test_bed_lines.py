@@ -9,8 +9,7 @@ from rona_core.app.dependencies.judge import blocked
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.messages.message import message_from
 from rona_core.app.runtime.handling import read_inputs
-from rona_core.app.steps.implant.bed_lines import hearing_around, lines_verdict
-from rona_core.app.steps.implant.derivation import LinesInputs
+from rona_core.app.steps.implant.derivation import LinesInputs, hearing_around, lines_verdict
 from rona_core.app.steps.implant.messages import PlaceBed, StartBedLines
 from rona_core.app.steps.maps.inputs import drawn_maps
 from rona_core.app.steps.maps.messages import StartTiltPlan

@@ -18,7 +18,7 @@ from rona_core.session.document import Session
 from rona_ui.panels.roll.roll import MotionExportFolder, RollPanel
 from rona_ui.panels.scan.scan import CaptureExportFolder
 from rona_ui.panels.surface import SurfacePanel
-from rona_ui.panels.widgets.file_folders import LOADS, LoadFolder
+from rona_ui.panels.widgets.step_panel import LOADS, LoadFolder
 from rona_ui.presentation.view_state import ViewState
 from tests.helpers.pivot_data import poses, rows_file
 from tests.helpers.ui.fake_gui import FakeClient, FakeGui

@@ -1,4 +1,4 @@
-"""Step 10: what the bed of an implant is computed from, and the bed in the maps as they may be."""
+"""Step 10: what the bed of an implant and lines over it are computed from, and both."""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -10,21 +10,24 @@ from rona_core.app.declarations.inputs import Input, Quantity, given, inputs
 from rona_core.app.dependencies.staleness import result_input
 from rona_core.app.runtime.process_pool import release_memory
 from rona_core.app.steps.acoustics.derivation import DETECTION
-from rona_core.app.steps.implant.burr.inputs import KNOWN_BURR, BurrRegistration
-from rona_core.app.steps.implant.messages import Corners, PlaceBed, StartBedSearch
+from rona_core.app.steps.implant.burr.derivation import KNOWN_BURR, BurrRegistration
+from rona_core.app.steps.implant.messages import Corners, PlaceBed, StartBedLines, StartBedSearch
 from rona_core.app.steps.implant.milling_plan import MillingPlan
 from rona_core.app.steps.maps.inputs import MAPS, OF_MAPS, TERMS, draws_of
-from rona_core.app.steps.path.inputs import PAINTED
+from rona_core.app.steps.maps.messages import Row
+from rona_core.app.steps.path.inputs import PAINTED, allowed_in_patch
 from rona_core.app.steps.setup.capture_parts import MODEL, OBSTACLES
 from rona_core.app.steps.tool.derivation import TOOL
 from rona_core.calibration.hand_eye.tool_registration import ToolRegistration
 from rona_core.devices.protocols import Cancel, Progress
-from rona_core.errors import CancelledError, InvalidInputError
+from rona_core.errors import CancelledError, InvalidInputError, StepBlockedError
 from rona_core.geometry.arrays import Floats, Ints, Vector3
 from rona_core.geometry.pose import Pose
+from rona_core.mapping.accuracy.map_draws import MapDraws
 from rona_core.mapping.accuracy.map_terms import MapTerms
 from rona_core.mapping.boundary_map import Maps
 from rona_core.path.zones import PaintedRegions, Zone
+from rona_core.planning.further_lines import Hearing, bed_hearing, best_lines
 from rona_core.planning.implants.implant import MOST_LIFT_MM, implant_named
 from rona_core.planning.milling.plan_milling import milling_settings
 from rona_core.planning.milling.removal import planned_bed
@@ -298,3 +301,85 @@ def _refusal(placed: PlacedBed, limits: PlacementLimits) -> str | None:
         f"the bone is thick enough, but not surely: the probability is {placed.probability:.3f}, "
         f"and {limits.probability:g} is required"
     )
+
+
+LINE_DRAWS = 600  # of the maps: half of them choose the lines, half tell what they are worth
+LEAST_PERCENT = 1.0  # less is not worth a scan
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BedLines:
+    """Lines that tell most of the bone below the bed of step 10."""
+
+    rows: tuple[Row, ...]  # in the plane of the maps, each from where the last one ended
+    length_mm: float
+    explained_share: float  # of the variance of the least bone, that they can tell
+
+
+def find_bed_lines(
+    known: LinesInputs, message: StartBedLines, *, progress: Progress, cancel: Cancel
+) -> BedLines:
+    """Return the chain of lines that is most informative of the least bone below the bed.
+
+    Raises:
+        StepBlockedError: the bed does not lie wholly in the maps.
+        StaleResultError: the maps are of other A-scans.
+        CancelledError: ``cancel`` returned True.
+    """
+    draws = draws_of(known.maps, known.terms, LINE_DRAWS, same_robot=True, grooves=True)
+    progress(0.5)
+    if cancel():
+        raise CancelledError("cancelled")
+    found = best_lines(hearing_around(known, draws), message.length_mm)
+    if not len(found.rows_mm):
+        raise StepBlockedError("no line over the bed lies in the maps")
+    progress(0.95)
+    lengths_mm = np.linalg.norm(found.rows_mm[:, 1] - found.rows_mm[:, 0], axis=1)
+    return BedLines(
+        rows=tuple(_row(ends) for ends in found.rows_mm.round(2)),
+        length_mm=float(lengths_mm.sum()),
+        explained_share=1.0 - found.left_share,
+    )
+
+
+def hearing_around(known: LinesInputs, draws: MapDraws) -> Hearing:
+    """Return what a further scan would hear around the bed, in draws of the maps.
+
+    Raises:
+        StepBlockedError: the bed does not lie wholly in the maps.
+    """
+    held, placed = known.bed, known.bed.placed
+    if placed is None or placed.residual_mm is None:
+        raise StepBlockedError(f"there is no bed to make certain: {held.refusal}")
+    limits = PlacementLimits(held.limit_mm, held.required)
+    bone = MappedBone(draws.maps, draws.outer_mm, draws.inner_mm)
+    implant = implant_named(held.implant).lifted(held.lift_mm)
+    T_base_map, painted = draws.maps.outer.T_base_map, known.painted
+    own_mm = known.detection.thickness_sigma_mm[known.detection.inner_ok]
+    return bed_hearing(
+        draws,
+        PlacementProblem(bone, known.execution, limits),
+        implant,
+        planned_bed(implant, milling_settings(implant, held.burr_mm)),
+        placed.T_base_bed,
+        None if painted is None else allowed_in_patch(painted, T_base_map),
+        float(np.sqrt(np.mean(own_mm**2))),
+    )
+
+
+def lines_verdict(found: BedLines) -> str:
+    """Return in one sentence how much the lines can tell of the bed."""
+    share = 100.0 * found.explained_share
+    rest = "how well it is milled and the speed of sound, which no further line measures"
+    if share < LEAST_PERCENT:
+        return f"Further lines tell next to nothing of this bed: what is left open is {rest}."
+    return (
+        f"{found.length_mm:.0f} mm of lines tell up to {share:.0f} % of what is open about the "
+        "least bone of this bed, if it echoes all along; silent places add doubt. "
+        f"The rest is {rest}."
+    )
+
+
+def _row(ends: Floats) -> Row:
+    (u, v), (to_u, to_v) = ends.tolist()
+    return (u, v), (to_u, to_v)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from rona_core.app.runtime.process_pool import release_memory
-from rona_core.app.steps.implant.burr.inputs import BurrRegistration
+from rona_core.app.steps.implant.burr.derivation import BurrRegistration
 from rona_core.app.steps.implant.derivation import ImplantBed, MillingInputs, PlacedBed
 from rona_core.app.steps.implant.messages import PlanMilling
 from rona_core.app.steps.implant.milling_plan import MillingPlan

@@ -17,14 +17,14 @@ from rona_core.app.messages.message import message_from
 from rona_core.app.runtime.handling import compute, compute_result, computed, strip_for_worker
 from rona_core.app.steps.acoustics.derivation import DETECTION
 from rona_core.app.steps.acoustics.messages import StartCaliperMeasurements
-from rona_core.app.steps.implant.bed_lines import find_bed_lines
-from rona_core.app.steps.implant.burr.inputs import KNOWN_BURR
+from rona_core.app.steps.implant.burr.derivation import KNOWN_BURR
 from rona_core.app.steps.implant.burr.messages import StartBurrCapture
 from rona_core.app.steps.implant.derivation import (
     BED,
     MILLING,
     WANTED,
     ImplantBed,
+    find_bed_lines,
     lay_bed,
     search_bed,
 )

@@ -7,7 +7,7 @@ from rona_core.app.declarations.figures import FIGURES
 from rona_core.app.dependencies.judge import fresh, judge
 from rona_core.app.dependencies.staleness import required, session_obstacles
 from rona_core.app.messages.message import message_from
-from rona_core.app.steps.implant.burr.inputs import KNOWN_BURR
+from rona_core.app.steps.implant.burr.derivation import KNOWN_BURR
 from rona_core.app.steps.implant.derivation import BED, MILLING, WANTED, ImplantBed, PlacedBed
 from rona_core.app.steps.implant.messages import PlaceBed, StartBedSearch
 from rona_core.app.steps.implant.milling import (

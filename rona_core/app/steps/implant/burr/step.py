@@ -7,8 +7,7 @@ from rona_core.app.declarations.declarations import ActivityContext, Remedy
 from rona_core.app.dependencies.judge import by_verdict
 from rona_core.app.dependencies.staleness import session_obstacles
 from rona_core.app.runtime.handling import compute_result, record
-from rona_core.app.steps.implant.burr.derivation import register_burr
-from rona_core.app.steps.implant.burr.inputs import BURR_CAPTURE
+from rona_core.app.steps.implant.burr.derivation import BURR_CAPTURE, register_burr
 from rona_core.app.steps.implant.burr.messages import RegisterBurr, StartBurrCapture
 from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.tool.derivation import TOOL
