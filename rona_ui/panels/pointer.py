@@ -37,21 +37,22 @@ class PointerPanel(StepPanel):
         self.form.of(StartPointerCapture, "cone_deg", "duration_s")
         self.form.of(CalibratePointer, "method")
         self._by_hand = self.context.send_button(
-            self.gui, "Pivot by hand", "hand-grab", self._capture_by_hand
+            self.gui,
+            "Pivot by hand",
+            "hand-grab",
+            lambda: StartPointerCapture(**self.form.values("duration_s"), by_hand=True),
         )
         self._help = self.gui.add_html("")
         self._finish = self.gui.add_button("Finish and calibrate", icon="check", visible=False)
         on_click(self._finish, lambda e: self.context.service("finish", e, None))
-        self._refit = self.context.send_button(self.gui, "Fit again", "refresh", self._fit_again)
+        self._refit = self.context.send_button(
+            self.gui,
+            "Fit again",
+            "refresh",
+            lambda: CalibratePointer(**self.form.values("method"), exclude=self._excluded),
+        )
         self._excluded: tuple[int, ...] = ()
         self._import = ImportControls(self.gui, self.context, "pivot")
-
-    def _fit_again(self) -> CalibratePointer:
-        """Return the fit by the chosen method, without the poses that are left out by hand."""
-        return CalibratePointer(**self.form.values("method"), exclude=self._excluded)
-
-    def _capture_by_hand(self) -> StartPointerCapture:
-        return StartPointerCapture(**self.form.values("duration_s"), by_hand=True)
 
     def message(self) -> Any:
         """Return the capture with these parameters."""

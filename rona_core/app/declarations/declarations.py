@@ -254,10 +254,6 @@ def _nothing(session: Session) -> tuple[Input[object], ...]:
     return ()
 
 
-def _no_reason(session: Session) -> str | None:
-    return None
-
-
 @dataclass(frozen=True, slots=True)
 class StepLine:
     """A step in the list of steps: its title, its activity and the inputs that it leaves."""
@@ -269,7 +265,7 @@ class StepLine:
     # what it lacks because a recording was stopped early; None: asked of the captures it leaves
     partial: Reason | None = None
     partial_without: bool = True  # whether that counts before there is a result, too
-    stale: Reason = _no_reason  # a further reason for what is there to be stale
+    stale: Reason = lambda session: None  # a further reason for what is there to be stale
 
 
 ExportKind = Literal["maps", "bed", "volume", "motion", "captures"]

@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 
 from rona_core import __version__
 from rona_core.app.declarations import declarations as declare
-from rona_core.app.declarations.declarations import ActivityContext
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.changes import done
 from rona_core.app.dependencies.staleness import input_digests, stale_reason
@@ -146,20 +145,22 @@ class StartReplay:
     """
 
 
-def _rename(message: RenameSession, session: Session) -> Session:
-    return replace(session, name=message.name.strip())
-
-
-def _replay(activity: StartReplay, session: Session, context: ActivityContext) -> tuple[Answer]:
-    return (Answer(context.run(replay_report, session)),)
-
-
 SESSION = declare.Step(
     "session",
     commands=(
-        declare.Command(RenameSession, _rename, done="the session was renamed"),
+        declare.Command(
+            RenameSession,
+            lambda m, s: replace(s, name=m.name.strip()),
+            done="the session was renamed",
+        ),
         declare.Command(Undo, done="the last change was undone"),
         declare.Command(Redo, done="the change was done again"),
     ),
-    activities=(declare.Activity(StartReplay, _replay, "Computing all results again"),),
+    activities=(
+        declare.Activity(
+            StartReplay,
+            lambda m, s, context: (Answer(context.run(replay_report, s)),),
+            "Computing all results again",
+        ),
+    ),
 )

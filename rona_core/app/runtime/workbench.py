@@ -36,10 +36,6 @@ from rona_core.session.memo import Memo, forget_all
 Figures = dict[str, Any]
 
 
-def _no_figures(session: Session) -> Figures:
-    return {}
-
-
 @dataclass(frozen=True, slots=True)
 class Services:
     """What ``compose`` supplies: how to build devices, to read skulls and to judge results."""
@@ -50,7 +46,7 @@ class Services:
     compute: Compute = compute_here
     sweep: Sweep | None = None  # over virtual plates
     rehearse: Rehearse | None = None  # a milling, on virtual bone
-    predict: Callable[[Session], Figures] = _no_figures  # where no ground truth exists
+    predict: Callable[[Session], Figures] = lambda session: {}  # where no ground truth exists
     map_errors: Callable[[Session, Rig], MapErrors] | None = None  # None as with ``evaluate``
     check_bone: Callable[[Setup], None] | None = None  # raises where no devices can be built
 

@@ -74,7 +74,9 @@ class PageLink:
                 f"nudge:{_one_of(value, NUDGES)}", event, None
             ),
             "theme": lambda value, event: set_theme(gui, dark=_one_of(value, THEMES) == "dark"),
-            "layer": lambda value, event: self._show_layer(value),
+            "layer": lambda value, event: context.show_layer(
+                _one_of(value["name"], LAYERS), _flag(value["shown"])
+            ),
             "all_layers": lambda value, event: self._set_view(all_layers=_flag(value)),
             "cut": lambda value, event: self._set_view(cut_direction=_one_of(value, CUTS)),
             "flip": lambda value, event: self._change_view(FLIPS[_one_of(value, FLIPS)]),
@@ -92,9 +94,6 @@ class PageLink:
             self._acts[wish["act"]](wish["value"], event)
         except (ValueError, KeyError, TypeError, RecursionError, InvalidInputError) as error:
             self._context.send(partial(_refuse, str(error)), event)
-
-    def _show_layer(self, value: Any) -> None:
-        self._context.show_layer(_one_of(value["name"], LAYERS), _flag(value["shown"]))
 
     def _set_view(self, **fields: Any) -> None:
         self._change_view(lambda view: replace(view, **fields))

@@ -58,14 +58,11 @@ class ComparisonFolder:
             self._back = gui.add_button("Compare with the true bone", color="gray", visible=False)
         self._file.on_upload(self._take)
         on_click(self._back, lambda e: context.set_view(comparison=None))
-        on_change(self._laying, lambda e: self._show_pairs())
+        on_change(self._laying, lambda e: self._pairs.show(LAYINGS[self._laying.value] in BY_PAIRS))
         on_change(
             self._threshold,
             lambda e: context.set_view(bone_threshold=float(self._threshold.value)),
         )
-
-    def _show_pairs(self) -> None:
-        self._pairs.show(LAYINGS[self._laying.value] in BY_PAIRS)
 
     async def _take(self, event: Any) -> None:
         uploaded = self._file.value

@@ -287,9 +287,6 @@ class MotionExportFolder(ExportFolder):
         )
 
 
-LEGEND = ((css(GREEN), "feasible"), (css(VERMILLION), "infeasible"), (css(BLUE), "selected"))
-
-
 class RollPanel(StepPanel):
     """Range and number of rolls; the map of them stands on the right."""
 

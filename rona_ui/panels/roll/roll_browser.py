@@ -117,7 +117,11 @@ def legend(strip: RollStrip) -> str:
         if counts[reason]
     ]
     map_key = [
-        (viridis_css(), "width:44px;", f"margin, 0 to {ends_at(strip)}"),
+        (
+            viridis_css(),
+            "width:44px;",
+            f"margin, 0 to {end_words(float(strip.node_room.max(initial=0.0)), 'room')}",
+        ),
         (css(VERMILLION), "", "no margin"),
         ("#fff;border:1px solid #52606d", "height:4px;", "first failure"),
     ]
@@ -128,11 +132,6 @@ def legend(strip: RollStrip) -> str:
         for color, size, words in (*entries, *map_key)
     )
     return f'<div class="r-key">{spans}</div>'
-
-
-def ends_at(strip: RollStrip) -> str:
-    """Return the margin at the end of the colours, that of the path in the scene as well."""
-    return end_words(float(strip.node_room.max(initial=0.0)), "room")
 
 
 def end_words(largest: float, quantity: Quantity) -> str:

@@ -38,7 +38,7 @@ from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
     calibrate_speed,
     speed_at,
 )
-from rona_core.ultrasound.detection.detect import NOMINAL_SPEED_MM_PER_US, Detection
+from rona_core.ultrasound.detection.detect import Detection
 from rona_core.ultrasound.probe.probe_model import ProbeModel, probe_model
 
 BLOCK: Input[BlockCapture] = capture_input("block")
@@ -168,11 +168,6 @@ def find_line_delay(known: LineInputs, message: CalibrateDelayLine) -> DelayLine
     return calibrate_delay_line(
         block.tracks, temperatures, probe_model(probe), probe.excitation, film_mm=message.film_mm
     )
-
-
-def first_speed(wanted: float | None) -> float:
-    """Return the speed that echoes are looked for with: as wanted, else the published one."""
-    return NOMINAL_SPEED_MM_PER_US if wanted is None else wanted
 
 
 def with_known_speed(

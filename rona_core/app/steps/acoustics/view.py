@@ -8,13 +8,12 @@ import numpy as np
 
 from rona_core.app.dependencies.judge import fresh, judge_part
 from rona_core.app.dependencies.staleness import made_of, stale_reason
-from rona_core.app.steps.acoustics.derivation import ECHO_DEPTHS
+from rona_core.app.steps.acoustics.derivation import ECHO_DEPTHS, with_known_speed
 from rona_core.devices.settings import ProbeSettings
 from rona_core.errors import DegenerateGeometryError
 from rona_core.geometry.arrays import Floats, Ints
 from rona_core.geometry.pose import Poses
 from rona_core.mapping.boundary_map import Maps
-from rona_core.mapping.build_maps import boundary_points
 from rona_core.session.document import Session
 from rona_core.session.memo import remember
 from rona_core.ultrasound.acoustic_calibration.expected_performance import (
@@ -26,12 +25,10 @@ from rona_core.ultrasound.acoustic_calibration.point_weights import LEAST_POINTS
 from rona_core.ultrasound.acoustic_calibration.reference_points import (
     EchoDepths,
     ReferenceProposal,
-    at_speed,
     propose_references,
 )
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import (
     SpeedCalibration,
-    speed_at,
     speed_uncertainty,
     uncalibrated,
 )
@@ -95,11 +92,7 @@ def at_speed_of_maps(session: Session, detection: Detection, poses: Poses) -> De
         detection: What was found in n A-scans.
         poses: Of the probe at those (n,), in ``base``.
     """
-    known = speed_of_maps(session)
-    if known is None or not len(detection):
-        return detection
-    places = boundary_points(detection, poses)[0]
-    return at_speed(detection, speed_at(known, places)[0])
+    return with_known_speed(detection, poses, speed_of_maps(session), None)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -174,11 +167,7 @@ def _wedge(maps: Maps, points_base: Floats) -> Floats:
 
 __all__ = [
     "ExpectedPerformance",
-    "ReferenceGain",
-    "ThicknessShares",
     "WhatIf",
-    "reference_gain",
-    "thickness_shares",
 ]
 PUBLISHED_WORDS = f"± {100 * PATIENTS_SHARE:.0f} % between studies and patients"
 EDITABLE = ("centre_mhz", "bandwidth", "aperture_mm", "line_length_mm", "pulse_shape")

@@ -5,7 +5,7 @@ from functools import partial
 
 from rona_core.app.declarations.declarations import Arguments
 from rona_core.app.messages.message import message_from
-from rona_core.app.steps.acoustics.derivation import first_speed, with_known_speed
+from rona_core.app.steps.acoustics.derivation import with_known_speed
 from rona_core.app.steps.maps.inputs import (
     FirstPass,
     FirstSurvey,
@@ -39,7 +39,7 @@ from rona_core.robot.redundancy.scan_postures import ScanPostures
 from rona_core.session.document import SecondPass
 from rona_core.session.memo import Memo
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import SpeedCalibration
-from rona_core.ultrasound.detection.detect import Detection, detect
+from rona_core.ultrasound.detection.detect import NOMINAL_SPEED_MM_PER_US, Detection, detect
 from rona_core.ultrasound.detection.manual_corrections import BoundaryEdits, corrected
 from rona_core.ultrasound.detection.pass_standoff import standoff_offset_mm
 from rona_core.ultrasound.probe.probe_model import ProbeModel, ProbeSurvey
@@ -83,7 +83,7 @@ def detect_survey(
     return detect(
         survey.of_probe(),
         method=message.method,
-        sound_speed_mm_per_us=first_speed(message.sound_speed_mm_per_us),
+        sound_speed_mm_per_us=message.sound_speed_mm_per_us or NOMINAL_SPEED_MM_PER_US,
         bone_loss=survey.bone_loss,
         progress=progress,
         cancel=cancel,

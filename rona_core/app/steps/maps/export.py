@@ -49,10 +49,6 @@ def _segmentation(sheet: MapSheet) -> bytes:
     return bone_seg_nrrd(sheet)
 
 
-def _schema(_: MapSheet) -> bytes:
-    return maps_schema()
-
-
 def _meshes() -> Iterator[tuple[str, str, Maker]]:
     for ending, (words, write) in MESHES.items():
         for name in BOUNDARIES:
@@ -71,7 +67,7 @@ FILES: tuple[tuple[str, str, Maker], ...] = (  # name, what it holds, what makes
     ("bone.seg.nrrd", "bone as a segmentation", _segmentation),
     ("maps.mrk.json", "rim, thinnest and thickest place for 3D Slicer", maps_markups),
     ("maps.csv", "a cell a row", maps_csv),
-    ("maps.schema.json", "JSON Schema of a row of maps.csv", _schema),
+    ("maps.schema.json", "JSON Schema of a row of maps.csv", lambda _: maps_schema()),
 )
 
 

@@ -21,11 +21,6 @@ from rona_core.session.document import RegionChoice, Session
 from rona_core.session.specimen import BoneChoice, SimulatedSkull
 
 
-def set_seed(message: messages.SetSeed, session: Session) -> Session:
-    """Carry out `SetSeed`."""
-    return _unpainted(session).with_setup(seed=message.seed)
-
-
 def use_simulated_skull(message: messages.UseSimulatedSkull, session: Session) -> Session:
     """Carry out `UseSimulatedSkull`."""
     skull = SimulatedSkull(message.side)
@@ -37,38 +32,8 @@ def _unpainted(session: Session) -> Session:
     return replace(session, painted=PaintedRegions())
 
 
-def set_bone_model(message: messages.SetBoneModel, session: Session) -> Session:
-    """Carry out `SetBoneModel`."""
-    return session.with_setup(bone=copy_as(BoneChoice, message))
-
-
-def set_world(message: messages.SetWorld, session: Session) -> Session:
-    """Carry out `SetWorld`."""
-    return session.with_setup(world=copy_as(WorldSettings, message))
-
-
-def set_region(message: messages.SetRegion, session: Session) -> Session:
-    """Carry out `SetRegion`."""
-    return session.with_setup(region=copy_as(RegionChoice, message))
-
-
-def set_tracker(message: messages.SetTracker, session: Session) -> Session:
-    """Carry out `SetTracker`."""
-    return _with_tracker(session, **values_of(message, messages.SetTracker))
-
-
-def move_tracker(message: messages.MoveTracker, session: Session) -> Session:
-    """Carry out `MoveTracker`."""
-    return _with_tracker(session, place=copy_as(TrackerPlace, message))
-
-
 def _with_tracker(session: Session, **settings: object) -> Session:
     return session.with_devices(tracker=replace(session.setup.devices.tracker, **settings))
-
-
-def set_use_base_marker(message: messages.SetUseBaseMarker, session: Session) -> Session:
-    """Carry out `SetUseBaseMarker`."""
-    return session.with_setup(use_base_marker=message.use_base_marker)
 
 
 def set_tool_visible(message: messages.SetToolVisible, session: Session) -> Session:
@@ -118,16 +83,6 @@ def remove_obstacle(message: messages.RemoveObstacle, session: Session) -> Sessi
     return session.with_setup(surroundings=left)
 
 
-def set_probe(message: messages.SetProbe, session: Session) -> Session:
-    """Carry out `SetProbe`."""
-    return session.with_devices(probe=copy_as(ProbeSettings, message))
-
-
-def set_pointer(message: messages.SetPointer, session: Session) -> Session:
-    """Carry out `SetPointer`."""
-    return session.with_devices(pointer=message.kind)
-
-
 def store_skull(message: messages.StoreSkull, session: Session) -> Session:
     """Put a skull that was read from a file on the table."""
     region = RegionChoice(None, message.skull.radius_mm)
@@ -168,20 +123,44 @@ def _summary(session: Session) -> str:
 STEP = declare.Step(
     "setup",
     commands=(
-        declare.Command(messages.SetSeed, set_seed, done="the seed was changed"),
+        declare.Command(
+            messages.SetSeed,
+            lambda m, s: _unpainted(s).with_setup(seed=m.seed),
+            done="the seed was changed",
+        ),
         declare.Command(
             messages.UseSimulatedSkull,
             use_simulated_skull,
             done="the skull was replaced by a simulated one",
         ),
-        declare.Command(messages.SetBoneModel, set_bone_model, done="the bone model was changed"),
-        declare.Command(messages.SetWorld, set_world, done="the virtual world was changed"),
-        declare.Command(messages.SetRegion, set_region, done="the region was changed"),
-        declare.Command(messages.SetTracker, set_tracker, done="the tracker was changed"),
-        declare.Command(messages.MoveTracker, move_tracker, done="the tracker was moved"),
+        declare.Command(
+            messages.SetBoneModel,
+            lambda m, s: s.with_setup(bone=copy_as(BoneChoice, m)),
+            done="the bone model was changed",
+        ),
+        declare.Command(
+            messages.SetWorld,
+            lambda m, s: s.with_setup(world=copy_as(WorldSettings, m)),
+            done="the virtual world was changed",
+        ),
+        declare.Command(
+            messages.SetRegion,
+            lambda m, s: s.with_setup(region=copy_as(RegionChoice, m)),
+            done="the region was changed",
+        ),
+        declare.Command(
+            messages.SetTracker,
+            lambda m, s: _with_tracker(s, **values_of(m, messages.SetTracker)),
+            done="the tracker was changed",
+        ),
+        declare.Command(
+            messages.MoveTracker,
+            lambda m, s: _with_tracker(s, place=copy_as(TrackerPlace, m)),
+            done="the tracker was moved",
+        ),
         declare.Command(
             messages.SetUseBaseMarker,
-            set_use_base_marker,
+            lambda m, s: s.with_setup(use_base_marker=m.use_base_marker),
             done="the use of the base marker was changed",
         ),
         declare.Command(
@@ -196,8 +175,16 @@ STEP = declare.Step(
             messages.AddObstacle, add_obstacle, done="the obstacle was added or changed"
         ),
         declare.Command(messages.RemoveObstacle, remove_obstacle, done="the obstacle was removed"),
-        declare.Command(messages.SetProbe, set_probe, done="the probe was changed"),
-        declare.Command(messages.SetPointer, set_pointer, done="the pointer was changed"),
+        declare.Command(
+            messages.SetProbe,
+            lambda m, s: s.with_devices(probe=copy_as(ProbeSettings, m)),
+            done="the probe was changed",
+        ),
+        declare.Command(
+            messages.SetPointer,
+            lambda m, s: s.with_devices(pointer=m.kind),
+            done="the pointer was changed",
+        ),
     ),
     outcomes=(
         declare.Command(messages.StoreSkull, store_skull, done="the skull was read from a file"),

@@ -71,16 +71,6 @@ def record_strokes(
     return (*stored, messages.BuildSurface())
 
 
-def clear_surface(message: messages.ClearSurface, session: Session) -> Session:
-    """Carry out `ClearSurface`."""
-    return session.with_capture("surface", ())
-
-
-def place_stroke(session: Session, capture: PointerCapture, append: bool) -> object:
-    """Return the strokes after another one, which replaces the earlier ones or adds to them."""
-    return (*(session.captures.surface if append else ()), capture)
-
-
 def _require_loaded(activity: messages.StartSkullRegistration, session: Session) -> None:
     require_loaded(session.setup.specimen)
 
@@ -108,7 +98,9 @@ STEP = declare.Step(
         ),
         declare.Command(messages.TakeCloud, compute_result, needs=(CLOUD,)),
         declare.Command(
-            messages.ClearSurface, clear_surface, done="the strokes over the skull were removed"
+            messages.ClearSurface,
+            lambda m, s: s.with_capture("surface", ()),
+            done="the strokes over the skull were removed",
         ),
     ),
     activities=(
@@ -133,7 +125,7 @@ STEP = declare.Step(
             "surface",
             "slide the pointer over the skull (step 4)",
             (parts.tracker, parts.robot, parts.pointer, parts.specimen, parts.HEAD),
-            place=place_stroke,
+            place=lambda s, taken, append: (*(s.captures.surface if append else ()), taken),
             done="the strokes over the skull were recorded",
         ),
         declare.Capture(
