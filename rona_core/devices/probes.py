@@ -48,10 +48,3 @@ PROBE_DATA: dict[str, ProbeData] = {
 }
 # the highest first
 BY_FREQUENCY = tuple(sorted(PROBE_DATA, key=lambda name: -PROBE_DATA[name].centre_mhz))
-
-
-def neighbours(name: str) -> tuple[str | None, str | None]:
-    """Return the probes of the next higher and the next lower frequency, None where none is."""
-    at = BY_FREQUENCY.index(name)
-    finer = BY_FREQUENCY[at - 1] if at else None
-    return finer, BY_FREQUENCY[at + 1] if at + 1 < len(BY_FREQUENCY) else None

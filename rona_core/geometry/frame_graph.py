@@ -9,10 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from rona_core.errors import InvalidInputError, NotFoundError
-from rona_core.geometry.arrays import Floats, as_points, readonly
+from rona_core.geometry.arrays import Floats, readonly
 from rona_core.geometry.pose import Pose
 from rona_core.geometry.pose_covariance import as_covariance, point_jacobians
 
@@ -121,18 +120,6 @@ class FrameGraph:
             whole = np.hstack([blocks.get(name, np.zeros((6, 6))) for name in joint.names])
             total += whole @ joint.covariance @ whole.T
         return readonly((total + total.T) / 2.0)
-
-    def point_covariances(self, left: str, right: str, points_right: ArrayLike) -> Floats:
-        """Return the covariances (n, 3, 3) in ``left``, mm^2, of places (n, 3) in ``right``.
-
-        Args:
-            left: Frame that they are mapped into.
-            right: Frame that they are given in.
-            points_right: The places, mm.
-        """
-        T_a_b = self.pose(left, right)
-        J = point_jacobians(T_a_b, as_points(points_right, name="points_right"))
-        return J @ self.covariance(left, right) @ np.swapaxes(J, 1, 2)
 
     def _jacobians(self, left: str, right: str) -> dict[str, Floats]:
         """Return by edge how the deviation of the whole pose depends on that of the edge."""

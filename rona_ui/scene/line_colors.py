@@ -42,12 +42,6 @@ def sent_colors(shown: ArrayLike) -> NDArray[np.uint8]:
     return np.round(255.0 * _before_curve(_linear(shown))).astype(np.uint8)
 
 
-def drawn_color(light: Floats) -> Floats:
-    """Return the colour (..., 3), sRGB from 0 to 255, that the viewer draws for light 0 to 1."""
-    v = EXPOSURE * light @ INTO.T
-    return _coded(np.clip((np.polyval(ABOVE, v) / np.polyval(BELOW, v)) @ OUT_OF.T, 0.0, 1.0))
-
-
 def _coded(light: Floats) -> Floats:
     low = light <= 0.0031308
     return 255.0 * np.where(low, 12.92 * light, 1.055 * light ** (1.0 / 2.4) - 0.055)

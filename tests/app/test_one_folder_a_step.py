@@ -20,6 +20,7 @@ from rona_ui.labels import doing, place_of
 from rona_ui.server import bare_app
 from tests.app.toy_step.messages import FitToyLine, StartToyCapture
 from tests.app.toy_step.step import STEP, ToyLine
+from tests.helpers.declared_step import declared_step
 
 API = "/api/v1/sessions/current"
 
@@ -31,7 +32,7 @@ class LoadedFromElsewhere:
 
 @pytest.fixture(autouse=True)
 def declared():
-    with REGISTRY.with_step(STEP):
+    with declared_step(STEP):
         yield
 
 

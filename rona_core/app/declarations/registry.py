@@ -4,8 +4,7 @@
 a step; all that is looked up follows from what the steps declare.
 """
 
-from collections.abc import Generator, Iterable
-from contextlib import contextmanager
+from collections.abc import Iterable
 
 from rona_core.app.declarations.declarations import (
     Activity,
@@ -63,16 +62,6 @@ class Registry:
         for part in (*step.captures, *step.results):
             for kind in part.types:
                 allow_type(kind)
-
-    @contextmanager
-    def with_step(self, step: Step) -> Generator[None, None, None]:
-        """Declare a step for a while; what was declared before comes back in the end."""
-        before = dict(vars(self))
-        self.declare([step])
-        try:
-            yield
-        finally:
-            vars(self).update(before)
 
     def export(self, session: Session, name: str) -> bytes:
         """Return a file of a session for other programs.

@@ -6,7 +6,6 @@ import pytest
 
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.inputs import Input, Quantity, given, input_parts, inputs
-from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.staleness import (
     capture_input,
     input_digests,
@@ -21,6 +20,7 @@ from rona_core.devices.limits import number
 from rona_core.devices.protocols import Cancel, Progress
 from rona_core.errors import InvalidInputError, StepBlockedError
 from rona_core.session.document import Derived, Session
+from tests.helpers.declared_step import declared_step
 
 SEED = Input(lambda s: s.setup.seed, "choose a seed")
 NAME = Input(lambda s: s.name or None, "name it", optional=True)
@@ -118,7 +118,7 @@ STEP = declare.Step(
 @pytest.fixture(autouse=True)
 def declared():
     CALLS.clear()
-    with REGISTRY.with_step(STEP):
+    with declared_step(STEP):
         yield
 
 
@@ -194,7 +194,7 @@ def test_what_is_held_counts_though_it_is_not_usable():
         return Half(0.0 if known.held is None else 1.0)
 
     declared = declare.Result.of("held", StartHalves, derive, "held", done="")
-    with REGISTRY.with_step(declare.Step("holding", results=(declared,))):
+    with declared_step(declare.Step("holding", results=(declared,))):
         session = replace(Session(), id="bad")
         held = Derived(Half(0.0), "StartHalves", {}, input_digests("held", session))
         session = session.with_result("held", held)

@@ -79,25 +79,6 @@ def test_the_covariance_is_that_of_finite_differences(seed):
         )
 
 
-@given(seed=seeds)
-@few
-def test_seen_from_another_frame_places_are_known_as_well(seed):
-    rng = np.random.default_rng(seed)
-    frames = graph(rng)
-    T_scene_base = random_pose(rng)
-    wider = FrameGraph(
-        (FrameEdge("scene", "base", T_scene_base, "chosen"), *frames.edges), frames.joint
-    )
-    places = rng.normal(0, 100, (4, 3))
-    found = frames.point_covariances("base", "pointertip", places)
-    np.testing.assert_allclose(
-        wider.point_covariances("scene", "pointertip", places),
-        T_scene_base.rotation @ found @ T_scene_base.rotation.T,
-        rtol=1e-6,
-        atol=1e-6,
-    )
-
-
 def test_errors_that_cancel_are_seen_to_cancel():
     """A tip too far along is a tracker too far back: from tip to tracker they must not add."""
     eye = Pose.identity()

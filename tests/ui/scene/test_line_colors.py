@@ -4,7 +4,17 @@ import numpy as np
 import pytest
 
 from rona_ui.presentation.colors import BLUE, CATEGORIES, INK, STEEL, VERMILLION, viridis
-from rona_ui.scene.line_colors import drawn_color, sent_color, sent_colors
+from rona_ui.scene import line_colors
+from rona_ui.scene.line_colors import sent_color, sent_colors
+
+
+def drawn_color(light: np.ndarray) -> np.ndarray:
+    """The colour (..., 3), sRGB from 0 to 255, that the viewer draws for light 0 to 1."""
+    v = line_colors.EXPOSURE * light @ line_colors.INTO.T
+    curve = np.polyval(line_colors.ABOVE, v) / np.polyval(line_colors.BELOW, v)
+    share = np.clip(curve @ line_colors.OUT_OF.T, 0.0, 1.0)
+    coded = np.where(share <= 0.0031308, 12.92 * share, 1.055 * share ** (1 / 2.4) - 0.055)
+    return 255.0 * coded
 
 
 def light(colors: np.ndarray) -> np.ndarray:
