@@ -15,8 +15,8 @@ from rona_core.app.overview.bed_figures import (
     screw_rows,
 )
 from rona_core.app.overview.bed_risk import bed_risk
-from rona_core.app.steps.implant.burr.derivation import UNKNOWN, burr_words
 from rona_core.app.steps.implant.burr.messages import StartBurrCapture
+from rona_core.app.steps.implant.burr.step import UNKNOWN, burr_words
 from rona_core.app.steps.implant.derivation import BedLines, ImplantBed, lines_verdict
 from rona_core.app.steps.implant.export import EXPORTS, MOTIONS, offered
 from rona_core.app.steps.implant.messages import (

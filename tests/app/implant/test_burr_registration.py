@@ -7,8 +7,9 @@ import pytest
 
 from rona_core.app.dependencies.judge import blocked, judge_part
 from rona_core.app.dependencies.staleness import required, stale_reason
-from rona_core.app.steps.implant.burr.derivation import KNOWN_BURR, burr_words
+from rona_core.app.steps.implant.burr.derivation import KNOWN_BURR
 from rona_core.app.steps.implant.burr.messages import RegisterBurr, StartBurrCapture
+from rona_core.app.steps.implant.burr.step import burr_words
 from rona_core.app.steps.implant.derivation import EXECUTION
 from rona_core.app.steps.implant.messages import PlaceBed
 from rona_core.app.steps.implant.rehearsal import FloorScan, RaisedMilling, milling_task

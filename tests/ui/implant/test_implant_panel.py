@@ -8,8 +8,8 @@ import pytest
 
 from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.judge import step_states
-from rona_core.app.steps.implant.burr.derivation import burr_words
 from rona_core.app.steps.implant.burr.messages import StartBurrCapture
+from rona_core.app.steps.implant.burr.step import burr_words
 from rona_core.app.steps.implant.derivation import lines_verdict
 from rona_core.app.steps.implant.export import EXPORTS, MOTIONS
 from rona_core.app.steps.implant.messages import (

@@ -5,9 +5,9 @@ from typing import Literal
 
 import numpy as np
 
-from rona_core.app.declarations.figures import FIGURES, limit_of
+from rona_core.app.declarations.figures import limit_of
 from rona_core.app.declarations.inputs import Input, given, inputs
-from rona_core.app.dependencies.judge import judge_part, usable
+from rona_core.app.dependencies.judge import usable
 from rona_core.app.dependencies.references import TRACKER_FIELD
 from rona_core.app.dependencies.staleness import capture_input
 from rona_core.app.steps.implant.burr.messages import RegisterBurr
@@ -27,11 +27,9 @@ from rona_core.calibration.tracking_error import LearnedField, TrackerErrorField
 from rona_core.errors import RonaError
 from rona_core.geometry.arrays import Bools, Floats, Vector3, readonly
 from rona_core.geometry.pose import Poses
-from rona_core.mapping.accuracy.probe_place import SEAT_MM
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.link_errors import ROBOT_ACCURACY_MM, link_errors
 from rona_core.session.captures import ToolCapture
-from rona_core.session.document import Session
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,28 +65,6 @@ class BurrInputs:
     robot: str = given(MODEL, "robot")
     errors: bool = given(ROBOT_ERRORS, "errors of the robot")
     field: TrackerErrorField = given(TRACKER_FIELD, "field of the tracker")
-
-
-UNKNOWN = (
-    f"Not registered: the burr may be off by {SEAT_MM:g} mm along each axis, so fewer beds fit."
-)
-
-
-def burr_words(session: Session) -> str:
-    """Return what is known of the burr's tip, and whether it is used; empty if not registered."""
-    held = session.results.get("burr")
-    if held is None:
-        return ""
-    found: BurrRegistration = held.value
-    x, y, z = found.offset_tip.tolist()
-    words = (
-        f"Tip {np.linalg.norm(found.offset_tip):.2f} mm off its drawing (x {x:+.2f}, y {y:+.2f}, "
-        f"z {z:+.2f}), expected error "
-        f"{FIGURES['burr_tip_sigma_mm'].words(found.tip_sigma_mm)}"
-    )
-    judgement = judge_part("burr", session)
-    sentence = judgement.beside(words)
-    return f"{sentence} The milling is corrected." if judgement.holds else sentence
 
 
 # Assumed, per axis: a shank in a collet runs out by some hundredths of a millimetre, and the pin

@@ -4,16 +4,22 @@ import numpy as np
 
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext, Remedy
-from rona_core.app.dependencies.judge import by_verdict
+from rona_core.app.declarations.figures import FIGURES
+from rona_core.app.dependencies.judge import by_verdict, judge_part
 from rona_core.app.dependencies.staleness import session_obstacles
 from rona_core.app.runtime.handling import compute_result, record
-from rona_core.app.steps.implant.burr.derivation import BURR_CAPTURE, register_burr
+from rona_core.app.steps.implant.burr.derivation import (
+    BURR_CAPTURE,
+    BurrRegistration,
+    register_burr,
+)
 from rona_core.app.steps.implant.burr.messages import RegisterBurr, StartBurrCapture
 from rona_core.app.steps.setup import capture_parts as parts
 from rona_core.app.steps.tool.derivation import TOOL
 from rona_core.app.steps.tool.robot_motion import record_tool_motion
 from rona_core.devices.protocols import Motion, Robot
 from rona_core.errors import NotReachableError
+from rona_core.mapping.accuracy.probe_place import SEAT_MM
 from rona_core.robot.kinematics.catalog import milling_robot
 from rona_core.robot.kinematics.robot_model import RobotModel
 from rona_core.robot.planning.calibration_motion import (
@@ -67,6 +73,28 @@ def _require_seated(plan: ToolMotion, model: RobotModel) -> None:
             "something is in the way between two poses, and the tip cannot leave its seat to go "
             "around it: choose a smaller cone, or clear the place"
         )
+
+
+UNKNOWN = (
+    f"Not registered: the burr may be off by {SEAT_MM:g} mm along each axis, so fewer beds fit."
+)
+
+
+def burr_words(session: Session) -> str:
+    """Return what is known of the burr's tip, and whether it is used; empty if not registered."""
+    held = session.results.get("burr")
+    if held is None:
+        return ""
+    found: BurrRegistration = held.value
+    x, y, z = found.offset_tip.tolist()
+    words = (
+        f"Tip {np.linalg.norm(found.offset_tip):.2f} mm off its drawing (x {x:+.2f}, y {y:+.2f}, "
+        f"z {z:+.2f}), expected error "
+        f"{FIGURES['burr_tip_sigma_mm'].words(found.tip_sigma_mm)}"
+    )
+    judgement = judge_part("burr", session)
+    sentence = judgement.beside(words)
+    return f"{sentence} The milling is corrected." if judgement.holds else sentence
 
 
 STEP = declare.Step(
