@@ -1,12 +1,10 @@
 """``rona verify``: a motion that was planned elsewhere, looked at by the independent verifier."""
 
-import json
 import sys
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
 from rona_core.app.overview.motion_report import MotionReport, VerifySettings, report_motion
 from rona_core.app.paper_figures.style import FORMATS
@@ -14,6 +12,7 @@ from rona_core.devices.files.size_limits import read_file
 from rona_core.devices.files.text_tables import NamedFile
 from rona_core.errors import InvalidInputError, storing
 from rona_core.session.files import load_session
+from rona_ui.cli.output import show, table_of
 
 REFUSED = 3  # exit status where the verifier refuses the motion
 ITSELF = "self"
@@ -40,36 +39,31 @@ def run(wanted: Any) -> int:
 
         with storing(picture):
             picture.write_bytes(motion_picture(report, "png" if form == "png" else "svg"))
-    if wanted.json:
-        sys.stdout.write(json.dumps(report.figures(), allow_nan=False) + "\n")
-    else:
-        _print(report)
+    show(report, _print, as_json=wanted.json)
     return 0 if report.certified else REFUSED
 
 
 def _print(report: MotionReport) -> None:
     motion, verdict = report.motion, report.verdict
-    table = Table(
-        title=f"{len(motion.times_s)} samples, {motion.times_s[-1]:.2f} s, {report.model.name}, "
-        f"{verdict.interpolation} between samples",
-        title_justify="left",
-        pad_edge=False,
-    )
-    for name in ("check", "value", "allowed", "unit", "sample", "verdict"):
-        table.add_column(
-            name, justify="right" if name in ("value", "allowed", "sample") else "left"
+    rows = [
+        (
+            one.check.name,
+            f"{one.check.value:.4g}",
+            f"{one.check.limit:.4g}",
+            one.check.unit,
+            f"{one.sample:g}",
+            holds if one.check.holds else fails,
         )
-    for one in verdict.findings:
-        check = one.check
-        word = "holds" if check.holds else "[red]fails[/red]"
-        values = (f"{check.value:.4g}", f"{check.limit:.4g}", check.unit, f"{one.sample:g}", word)
-        table.add_row(check.name, *values)
-    for one in verdict.not_demanded:
-        check = one.check
-        word = "not demanded" if check.holds else "[yellow]near; not demanded[/yellow]"
-        values = (f"{check.value:.4g}", f"{check.limit:.4g}", check.unit, f"{one.sample:g}", word)
-        table.add_row(check.name, *values)
-    Console().print(table)
+        for found, holds, fails in (
+            (verdict.findings, "holds", "[red]fails[/red]"),
+            (verdict.not_demanded, "not demanded", "[yellow]near; not demanded[/yellow]"),
+        )
+        for one in found
+    ]
+    title = f"{len(motion.times_s)} samples, {motion.times_s[-1]:.2f} s, {report.model.name}, "
+    title += f"{verdict.interpolation} between samples"
+    columns = ("check", "value", "allowed", "unit", "sample", "verdict")
+    Console().print(table_of(title, rows, columns, ("value", "allowed", "sample")))
     lines = [one.sentence for one in verdict.refused()]
     lines += [f"hint: {hint}" for hint in verdict.hints]
     lines += [f"around it: {report.around}", *report.remarks]
