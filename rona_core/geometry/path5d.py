@@ -144,7 +144,7 @@ def resample_path(path: Path5D) -> Path5D:
     segment, shares = subdivided(counts)
     shares = shares[:, None]
     between = points[segment] * (1.0 - shares) + points[segment + 1] * shares
-    turned = _turned(axes[segment], axes[segment + 1], shares, turns[segment][:, None])
+    turned = turned_between(axes[segment], axes[segment + 1], shares, turns[segment][:, None])
     return Path5D(np.vstack((between, points[-1:])), np.vstack((turned, axes[-1:])))
 
 
@@ -155,9 +155,9 @@ def subdivided(counts: Ints) -> tuple[Ints, Floats]:
     return segment, (np.arange(len(segment)) - first) / counts[segment]
 
 
-def _turned(start: Floats, end: Floats, shares: Floats, turns_rad: Floats) -> Floats:
+def turned_between(start: Floats, end: Floats, shares: Floats, turns_rad: Floats) -> Floats:
     """Return unit vectors (n, 3) that turn evenly from ``start`` to ``end`` (slerp)."""
-    small = turns_rad < 1e-6
+    small = turns_rad < 1e-8
     sine = np.where(small, 1.0, np.sin(turns_rad))
     a = np.where(small, 1.0 - shares, np.sin((1.0 - shares) * turns_rad) / sine)
     b = np.where(small, shares, np.sin(shares * turns_rad) / sine)

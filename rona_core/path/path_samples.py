@@ -5,7 +5,7 @@ from numpy.typing import ArrayLike
 
 from rona_core.errors import DegenerateGeometryError, InvalidInputError
 from rona_core.geometry.arrays import Floats, as_floats, as_points, as_unit_vectors, readonly
-from rona_core.geometry.path5d import Path5D
+from rona_core.geometry.path5d import Path5D, turned_between
 from rona_core.path.simplification.error_bound import as_path
 
 REACH = 4.0  # of the Gaussian, in sigma
@@ -122,7 +122,7 @@ def densify(
     step = np.arange(len(segment)) - np.repeat(np.cumsum(counts) - counts, counts) + 1
     t = (step / counts[segment])[:, None]
     dense_points = points[segment] + t * (points[segment + 1] - points[segment])
-    dense_axes = _between(axes[segment], axes[segment + 1], turns[segment, None], t)
+    dense_axes = turned_between(axes[segment], axes[segment + 1], t, turns[segment, None])
     ends = step == counts[segment]
     dense_points[ends], dense_axes[ends] = points[segment + 1][ends], axes[segment + 1][ends]
     return Path5D(np.vstack((points[:1], dense_points)), np.vstack((axes[:1], dense_axes)))
@@ -145,14 +145,3 @@ def insert_waypoints(points_base: ArrayLike, step_mm: float) -> Floats:
 def _angles(a: Floats, b: Floats) -> Floats:
     """Return the angle (k,) between unit vectors, accurate also for small and flat angles."""
     return 2.0 * np.arctan2(np.linalg.norm(a - b, axis=1), np.linalg.norm(a + b, axis=1))
-
-
-def _between(a: Floats, b: Floats, angle: Floats, t: Floats) -> Floats:
-    """Return the unit vectors at the share ``t`` of the great circle from ``a`` to ``b``."""
-    sine = np.sin(angle)
-    tiny = angle < 1e-8
-    safe = np.where(tiny, 1.0, sine)
-    first = np.where(tiny, 1.0 - t, np.sin((1.0 - t) * angle) / safe)
-    second = np.where(tiny, t, np.sin(t * angle) / safe)
-    mixed = first * a + second * b
-    return mixed / np.linalg.norm(mixed, axis=1)[:, None]
