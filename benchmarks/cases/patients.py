@@ -7,6 +7,7 @@ from pathlib import Path
 from benchmarks.metric import Progress
 from benchmarks.suites.honesty.design import session_of
 from benchmarks.suites.procedure.procedure import SKULLS, data_folder
+from rona_core.app.procedure import Stages
 from rona_core.compose import DemoSkull, run_demo
 from rona_core.devices.world_settings import REALISTIC_WORLD
 from rona_core.errors import RonaError
@@ -39,6 +40,21 @@ def patients(
     for skull, seed in product(there, skull_seeds):
         progress(f"{skull.name}, seed {seed}")
         yield run_demo(seed, skull, world=REALISTIC_WORLD)[0]
+    yield from kept_sessions(progress, files)
+
+
+def to_stage(
+    progress: Progress, seeds: Iterable[int], files: Iterable[Path], among: Stages
+) -> Iterator[Session]:
+    """Yield a session of each seed after these stages, then those that were kept."""
+    for seed in seeds:
+        progress(f"seed {seed}")
+        yield run_demo(seed, among=among)[0]
+    yield from kept_sessions(progress, files)
+
+
+def kept_sessions(progress: Progress, files: Iterable[Path]) -> Iterator[Session]:
+    """Yield the sessions of files."""
     for path in files:
         progress(path.name)
         yield load_session(path)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from rona_core.app.procedure import TO_MAPS, run_procedure
+from rona_core.app.procedure import TO_MAPS, Stages, run_procedure
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.setup.messages import (
     SetPointer,
@@ -59,15 +59,15 @@ def bench_of(seed: int, probe: str = ProbeSettings().name) -> Workbench:
     return bench
 
 
-def session_of(seed: int, probe: str = ProbeSettings().name) -> Session:
-    """Return the session of a seed after the whole procedure with a probe.
+def session_of(seed: int, probe: str = ProbeSettings().name, among: Stages = TO_MAPS) -> Session:
+    """Return the session of a seed after these stages of the procedure with a probe.
 
     Raises:
         RonaError: the procedure did not come to its end.
     """
     bench = bench_of(seed, probe)
     try:
-        ending = run_procedure(bench, TO_MAPS)
+        ending = run_procedure(bench, among)
         session = bench.session
     finally:
         bench.close()

@@ -2,11 +2,10 @@
 
 import numpy as np
 
-from benchmarks.suites.honesty.design import bench_of
+from benchmarks.suites.honesty.design import session_of
 from benchmarks.suites.honesty.judged import Judged
-from rona_core.app.procedure import run_procedure, stages
+from rona_core.app.procedure import stages
 from rona_core.app.steps.scan.derivation import DELAY
-from rona_core.errors import RonaError
 
 SEEDS = range(40_200, 40_260)
 FIRST_MAPS = stages("detection")
@@ -18,14 +17,7 @@ def judge(seed: int) -> list[Judged]:
     Raises:
         RonaError: the procedure did not come as far as the maps.
     """
-    bench = bench_of(seed)
-    try:
-        ending = run_procedure(bench, FIRST_MAPS)
-        session = bench.session
-    finally:
-        bench.close()
-    if not ending.completed:
-        raise RonaError(f"step {ending.failed_step}: {ending.reason}")
+    session = session_of(seed, among=FIRST_MAPS)
     found = DELAY.read(session)
     if found is None:
         return []

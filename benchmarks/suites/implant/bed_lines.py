@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.random import Generator
 
+from benchmarks.cases.patients import to_stage
 from benchmarks.metric import Metric, Progress
 from rona_core.app.procedure import stages
 from rona_core.app.runtime.handling import read_inputs
@@ -28,7 +29,7 @@ from rona_core.app.steps.implant.messages import StartBedLines, StartBedSearch
 from rona_core.app.steps.implant.view import floor_base
 from rona_core.app.steps.maps.inputs import drawn_maps
 from rona_core.app.steps.maps.messages import Row, StartMapping, StartTiltPlan, StartTiltScan
-from rona_core.compose import build_virtual_rig, new_workbench, run_demo
+from rona_core.compose import build_virtual_rig, new_workbench
 from rona_core.devices.protocols import never, silent
 from rona_core.errors import InvalidInputError, RonaError
 from rona_core.evaluation.map_metrics import residual_mm
@@ -38,7 +39,6 @@ from rona_core.mapping.boundary_map import Maps
 from rona_core.planning.further_lines import Hearing
 from rona_core.planning.placement.figures import chance_above
 from rona_core.session.document import Derived, Session
-from rona_core.session.files import load_session
 
 SEEDS = range(42_080, 42_106)
 ONE_PASS = stages("burr", skip=("tilts", "tilted"))
@@ -75,20 +75,11 @@ class LineFigures:
 def run(progress: Progress) -> list[Metric]:
     """Return by how much each kind of lines lowers the risk of a bed."""
     found: list[LineFigures] = []
-    for session in _sessions(progress):
+    for session in to_stage(progress, SEEDS, FILES, ONE_PASS):
         one = line_figures(session)
         if one is not None:
             found.append(one)
     return list(metrics(found))
-
-
-def _sessions(progress: Progress) -> Iterator[Session]:
-    for seed in SEEDS:
-        progress(f"seed {seed}")
-        yield run_demo(seed, among=ONE_PASS)[0]
-    for path in FILES:
-        progress(path.name)
-        yield load_session(path)
 
 
 def line_figures(session: Session) -> LineFigures | None:

@@ -12,15 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.cases.patients import to_stage
 from benchmarks.metric import Metric, Progress
 from benchmarks.suites.implant.placement import interval
 from benchmarks.suites.implant.rehearsed_beds import Rehearsed, rehearsed
 from rona_core.app.procedure import stages
-from rona_core.compose import run_demo
 from rona_core.geometry.arrays import Floats
 from rona_core.planning.rehearsal.breakthrough import PAST_MM
-from rona_core.session.document import Session
-from rona_core.session.files import load_session
 
 SEEDS = range(39_156, 39_186)
 FILES: tuple[Path, ...] = ()  # sessions with virtual devices and a bed that count as well
@@ -35,19 +33,10 @@ BINS = (0.05, 0.3, 0.5, 0.7, 0.95, 1.0)  # of the probability that the burr is t
 def run(progress: Progress) -> list[Metric]:
     """Return the figures."""
     found: list[Rehearsed] = []
-    for session in _sessions(progress):
+    for session in to_stage(progress, SEEDS, FILES, TO_BED):
         seed = session.setup.seed
         found += rehearsed(seed, session, np.random.default_rng(seed), DEEP_BEDS)
     return list(figures(found))
-
-
-def _sessions(progress: Progress) -> Iterator[Session]:
-    for seed in SEEDS:
-        progress(f"seed {seed}")
-        yield run_demo(seed, among=TO_BED)[0]
-    for path in FILES:
-        progress(path.name)
-        yield load_session(path)
 
 
 def figures(found: Sequence[Rehearsed]) -> Iterator[Metric]:

@@ -18,6 +18,7 @@ from pathlib import Path
 from benchmarks.metric import Metric, Progress
 from benchmarks.reference.damaged_journals import cuts, flips, is_silent, sectors, written_journal
 from benchmarks.reliability.crash import REPOSITORY, measure
+from benchmarks.suites.reliability.kills import toil
 from rona_core.app.runtime.process_pool import ProcessCompute
 from rona_core.app.steps.setup.messages import SetSeed
 from rona_core.compose import build_registry
@@ -150,14 +151,6 @@ def _say(programs: list[subprocess.Popen[str]]) -> list[str]:
 def length(data: bytes, *, progress: Report, cancel: Cancel) -> int:
     """Return the length of the data: a job that is large to send."""
     return len(data)
-
-
-def toil(*, progress: Report, cancel: Cancel) -> None:
-    """Report progress and work on, until cancelled."""
-    while not cancel():
-        progress(0.5)
-        time.sleep(0.01)
-    raise CancelledError("cancelled")
 
 
 def _frozen(progress: Progress) -> Iterator[Metric]:
