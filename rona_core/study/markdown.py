@@ -1,11 +1,11 @@
-"""Report of a study as a page of documentation, in Markdown: shares, figures and calibration."""
+"""Report of a study as a page of documentation, in Markdown, without drawings."""
 
 from collections.abc import Iterable, Sequence
 
 from rona_core.study.folder import StudyFolder
 from rona_core.study.patient import Row
 from rona_core.study.plan import Plan
-from rona_core.study.report import FigureLine, bounds, figure_lines, percent
+from rona_core.study.report import EFFECTS, FigureLine, bounds, effect_lines, figure_lines, percent
 from rona_core.study.statistics import CONFIDENCE, calibrations, shares
 from rona_core.study.study import failures_of
 
@@ -25,6 +25,7 @@ def study_markdown(folder: StudyFolder) -> str:
         *_shares(plan, rows),
         *_failures(rows),
         *_figures(rows),
+        *_effects(plan, rows),
         *_calibration(rows),
         "",
     ]
@@ -90,6 +91,13 @@ def _figure(line: FigureLine) -> tuple[object, ...]:
         line.limit,
         "" if beyond is None else f"{percent(beyond.value)} {bounds(beyond, percent)}",
     )
+
+
+def _effects(plan: Plan, rows: Sequence[Row]) -> list[str]:
+    if not plan.varied:
+        return []
+    words, lines = effect_lines(plan, rows)
+    return [f"\n## Sensitivity\n\n{words}\n", *(_table(EFFECTS, lines) if lines else [])]
 
 
 def _calibration(rows: Sequence[Row]) -> list[str]:

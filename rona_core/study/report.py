@@ -238,9 +238,11 @@ def _strip(sample: Floats, figure: Figure) -> Html:
 # ------------------------------------------------------------------ sensitivity
 
 
-def _effects_section(plan: Plan, rows: Sequence[Row]) -> Html:
-    if not plan.varied:
-        return Html("")
+EFFECTS = ("Factor", "Figure", "Share", "Median by level")
+
+
+def effect_lines(plan: Plan, rows: Sequence[Row]) -> tuple[str, list[tuple[str, str, str, str]]]:
+    """Return what figures depend on: words, and a line for each pair under the head `EFFECTS`."""
     found, tried = effects(plan, rows)
     lines = [
         (
@@ -256,8 +258,14 @@ def _effects_section(plan: Plan, rows: Sequence[Row]) -> Html:
         "for all pairs together. The share is that of the variance of the ranks of the patients "
         "(Spearman for numbers, Kruskal and Wallis otherwise)."
     )
-    head = ("Factor", "Figure", "Share", "Median by level")
-    shown = table(head, lines, ("name", "", "n own", "")) if lines else ""
+    return words, lines
+
+
+def _effects_section(plan: Plan, rows: Sequence[Row]) -> Html:
+    if not plan.varied:
+        return Html("")
+    words, lines = effect_lines(plan, rows)
+    shown = table(EFFECTS, lines, ("name", "", "n own", "")) if lines else ""
     return _section("Sensitivity", words, shown)
 
 

@@ -196,8 +196,11 @@ def test_the_page_in_markdown_has_the_shares_figures_and_the_plan(folder):
         "Shares",
         "Failures",
         "Figures",
+        "Sensitivity",
         "Calibration of predictions",
     ]
+    effects = page.partition("## Sensitivity")[2].partition("## ")[0]
+    assert "| Factor | Figure | Share | Median by level |" in effects
     assert TEXT.strip() in page
     figure = FIGURES["tool_tip_error_mm"]
     (line,) = [line for line in page.splitlines() if f"`{figure.key}`" in line]
