@@ -11,6 +11,9 @@ from pathlib import Path
 import pytest
 
 from docs.guide import settings_page
+from rona_core.errors import RonaError
+from rona_core.study.engines import WorkerDiedError
+from rona_ui.api.problems import JobFinishedError
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -265,3 +268,14 @@ def test_the_shares_of_the_readme_are_those_of_the_results(words, share):
     stated = cells(text(ROOT / "README.md"), words)[1]
     _, patients, percent = cells(text(DOCS / "results.md"), share)
     assert stated == f"{patients}: {percent}"
+
+
+def codes_of(error: type[RonaError]) -> set[str]:
+    return {error.code}.union(*(codes_of(kind) for kind in error.__subclasses__()))
+
+
+def test_every_code_of_an_error_stands_on_the_page_of_rest():
+    assert JobFinishedError in RonaError.__subclasses__()
+    never_answered = {RonaError.code, WorkerDiedError.code}  # no error is just that; of a study
+    page = text(DOCS / "how-to" / "use_rest.md")
+    assert [code for code in codes_of(RonaError) - never_answered if f"`{code}`" not in page] == []

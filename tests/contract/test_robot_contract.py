@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from rona_core.devices.robots import ROBOTS
 from rona_core.devices.settings import RobotSettings
 from rona_core.errors import DeviceError
 from rona_core.virtual.clock import CaptureClock
@@ -27,7 +28,7 @@ def virtual(name):
     return build
 
 
-IMPLEMENTATIONS = {"virtual-rx90": virtual("rx90")}
+IMPLEMENTATIONS = {f"virtual-{name}": virtual(name) for name in ROBOTS}
 TIMES_S = np.linspace(0.0, 2.0, 41)
 
 

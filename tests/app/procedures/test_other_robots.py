@@ -34,7 +34,7 @@ def test_the_room_is_set_up_for_the_arm_that_is_chosen(name):
 def test_an_unknown_robot_changes_nothing():
     bench = new_workbench(Session(name="other robot"))
     try:
-        with pytest.raises(InvalidInputError, match="one of rx90, ur5, ur10"):
+        with pytest.raises(InvalidInputError, match=f"one of {', '.join(ROBOTS)}"):
             bench.dispatch(SetRobot(model="c3po"))
         assert bench.session.setup.devices.robot.model == "rx90"
     finally:

@@ -94,6 +94,7 @@ WORLD = messages.SetWorld.__name__
 
 
 def _changed_by(*kinds: type | str) -> Callable[[Callable[[Session], list[object]]], SetupPart]:
+    """Declare a part by what it reads, which decides; the messages are named in the reason."""
     names = tuple(kind if isinstance(kind, str) else kind.__name__ for kind in kinds)
     return lambda read: SetupPart(read, names)
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from rona_core.devices.robots import ROBOTS
+from rona_core.devices.robots import ROBOTS, UNIVERSAL
 from rona_core.devices.trackers import GEOMETRIES
 from rona_core.errors import InvalidInputError
 from rona_core.robot.collision.solids import ball, rod, slab, turned
@@ -60,9 +60,7 @@ UR_CHAIN = (
 )
 CHAINS = {
     "rx90": ("base", "shoulder", "upper arm", "elbow", "forearm", "wrist", "flange"),
-    "ur5": UR_CHAIN,
-    "ur10": UR_CHAIN,
-}
+} | dict.fromkeys(UNIVERSAL, UR_CHAIN)
 
 
 @every_robot

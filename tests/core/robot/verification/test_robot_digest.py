@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from rona_core.devices.robots import ROBOTS
+from rona_core.devices.robots import ROBOTS, UNIVERSAL
 from rona_core.errors import InvalidInputError
 from rona_core.geometry.pose import Pose
 from rona_core.robot.collision.collision_geometry import ConvexBody, collision_bodies
@@ -26,7 +26,7 @@ from rona_core.robot.verification import certificate as module
 from rona_core.robot.verification.certificate import NOT_COUNTED, robot_digest
 from rona_core.robot.verification.verifier import verify_motion
 
-BUILDERS = {"rx90": rx90, "ur5": partial(ur, "ur5"), "ur10": partial(ur, "ur10")}
+BUILDERS = {"rx90": rx90} | {name: partial(ur, name) for name in UNIVERSAL}
 COUNTS_MM, COUNTS_RAD = 2e-6, 2e-6  # of poses and bodies, whose last bits depend on the processor
 every_robot = pytest.mark.parametrize("name", ROBOTS)
 
