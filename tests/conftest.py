@@ -75,6 +75,8 @@ def thin_out_sweeps(items):
 def pytest_collection_modifyitems(config, items):
     thin_out_sweeps(items)
     for item in items:
+        if item.get_closest_marker("ci"):
+            item.add_marker(pytest.mark.slow)
         test = getattr(item, "obj", None)
         if EXAMPLES != 1.0 and getattr(test, "is_hypothesis_test", False):
             own = getattr(test, BY_HYPOTHESIS)
@@ -121,8 +123,17 @@ def demo():
     return demo_parts.demo()
 
 
-def pytest_collection_finish(session):
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
     """Modules and tests live to the end: the collector need not go through them again and again."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
+
+
+def pytest_collection_finish(session):
     session.config.stash[BESIDE_BROWSERS] = hasattr(session.config, "workerinput") and any(
         item.get_closest_marker("browser") for item in session.items
     )

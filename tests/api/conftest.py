@@ -5,10 +5,27 @@ from types import SimpleNamespace
 import httpx2
 import pytest
 
+from rona_core.app.runtime import session_registry
 from rona_core.compose import build_registry
+from rona_core.session.files import load_session
+from rona_ui.resources import demo_session
 from rona_ui.server import ServerSettings
 from rona_ui.viewer.gateway import ViewerGateway
 from tests.helpers.api_server import TOKEN, start
+from tests.scenes import demo_parts
+
+
+def loaded(path, *name):
+    """Load a session; the demo session is loaded once, as what is computed from it is kept then."""
+    return demo_parts.demo() if path == demo_session() else load_session(path, *name)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def demo_loaded_once():
+    """Every server of these tests opens copies of the one demo session."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(session_registry, "load_session", loaded)
+        yield
 
 
 @pytest.fixture(scope="session")

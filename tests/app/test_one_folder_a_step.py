@@ -15,12 +15,13 @@ from rona_core.compose import build_registry, new_workbench
 from rona_core.errors import InvalidInputError, SessionFormatError
 from rona_core.session.codec import digest
 from rona_core.session.document import Derived, Session
-from rona_core.session.files import session_bytes, session_from_bytes
+from rona_core.session.files import session_bytes
 from rona_ui.labels import doing, place_of
 from rona_ui.server import bare_app
 from tests.app.toy_step.messages import FitToyLine, StartToyCapture
 from tests.app.toy_step.step import STEP, ToyLine
 from tests.helpers.declared_step import declared_step
+from tests.helpers.session_file import reopened
 
 API = "/api/v1/sessions/current"
 
@@ -109,7 +110,7 @@ def test_it_is_replayed_from_its_capture(bench):
 def test_it_is_saved_loaded_and_undone(bench):
     empty = digest(bench.session.results)
     bench.run(StartToyCapture())
-    loaded = session_from_bytes(session_bytes(bench.session))
+    loaded = reopened(bench.session)
     assert digest(loaded) == digest(bench.session)
     assert isinstance(loaded.results.get("toy line").value, ToyLine)
     np.testing.assert_array_equal(loaded.archive[0].readings, [0.0, 1.0, 2.0])
@@ -129,4 +130,4 @@ def test_what_nobody_declared_is_refused(bench):
     held = Derived(LoadedFromElsewhere(1.0), "FitToyLine", {}, {})
     forged = replace(bench.session, results=bench.session.results.with_("other", held))
     with pytest.raises(SessionFormatError, match="a type that a step declares"):
-        session_from_bytes(session_bytes(forged))
+        reopened(forged)

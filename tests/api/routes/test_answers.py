@@ -48,6 +48,8 @@ def asked(client, demo):
     for path, verbs in client.get("/openapi.json").json()["paths"].items():
         if "get" not in verbs or path.endswith((*ENDLESS, "/array")):
             continue
+        if "application/json" not in verbs["get"]["responses"]["200"].get("content", {}):
+            continue
         for step in REGISTRY.step_names if "results/{step}" in path else ("tool", "pointer"):
             for scan in ("first", "second"):
                 yield path.removeprefix(PREFIX).format(step=step, scan=scan, number=7, **parts)

@@ -19,7 +19,7 @@ def peak_mb():
 @pytest.mark.skipif(
     not Path("/proc/self/clear_refs").exists(), reason="peaks of memory are told by /proc"
 )
-@pytest.mark.parametrize("kind", ["uploads", "session"])
+@pytest.mark.parametrize("kind", ["uploads", pytest.param("session", marks=pytest.mark.slow)])
 def test_an_endless_upload_is_refused_and_takes_no_memory(at, client, web, kind):
     def endless():
         for _ in range(MAX_UPLOAD_BYTES // len(MIB) + 20):

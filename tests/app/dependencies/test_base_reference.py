@@ -29,7 +29,7 @@ from rona_core.errors import InvalidInputError, RonaError, StaleResultError, Ste
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.captures import imported_digest
 from rona_core.session.document import Session, Setup
-from rona_core.session.files import session_bytes, session_from_bytes
+from tests.helpers.session_file import reopened
 
 MOVE = MoveTracker((30.0, -20.0, 10.0), 1.0)
 TOOL = StartToolCapture(n_pivot=8, n_translate=3)
@@ -215,7 +215,7 @@ def test_a_moved_base_makes_everything_stale(before):
 def test_a_session_with_a_moved_tracker_is_saved_and_loaded(before):
     bench = opened(before)
     bench.dispatch(MOVE)
-    back = session_from_bytes(session_bytes(bench.run(STROKE)))
+    back = reopened(bench.run(STROKE))
     assert back.setup.devices.tracker.place == TrackerPlace(MOVE.shift_mm, MOVE.turn_deg)
     assert back.captures.surface[0].tracker_place == back.setup.devices.tracker.place
     assert reference_of(back, back.captures.surface[0]).state == "carried"

@@ -19,7 +19,7 @@ from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.compose import virtual_services
 from rona_core.errors import StepBlockedError
 from rona_core.session.codec import digest
-from rona_core.session.files import session_bytes, session_from_bytes
+from tests.helpers.session_file import reopened
 
 
 @pytest.fixture(scope="module")
@@ -88,5 +88,5 @@ def test_a_file_that_was_stale_stays_so(demo):
         demo.results,
         tool=replace(demo.results.tool, inputs={**demo.results.tool.inputs, "robot": "x"}),
     )
-    loaded = session_from_bytes(session_bytes(replace(demo, results=results)))
+    loaded = reopened(replace(demo, results=results))
     assert "the robot (step 1) was changed" in stale_reason("tool", loaded)

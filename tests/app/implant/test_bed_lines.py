@@ -17,7 +17,7 @@ from rona_core.compose import new_workbench
 from rona_core.errors import CancelledError, InvalidInputError
 from rona_core.planning.further_lines import best_lines
 from rona_core.session.document import Session
-from rona_core.session.files import session_bytes, session_from_bytes
+from tests.helpers.session_file import reopened
 from tests.scenes import demo_parts
 
 
@@ -67,7 +67,7 @@ def test_a_further_pass_is_planned_along_them_and_survives_a_file(bench):
     np.testing.assert_allclose(path[[0, -1]], corners[[0, -1]], atol=0.01)
     for corner in corners:
         assert np.linalg.norm(path - corner, axis=1).min() < 0.3
-    back = session_from_bytes(session_bytes(bench.session))
+    back = reopened(bench.session)
     again = message_from("StartTiltPlan", dict(back.results.second.arguments))
     assert again == StartTiltPlan(rows=found.rows)
     assert lines_of(back).rows == found.rows

@@ -26,9 +26,9 @@ from rona_core.compose import build_virtual_rig, new_workbench
 from rona_core.errors import InvalidInputError
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
-from rona_core.session.files import session_bytes, session_from_bytes
 from rona_core.virtual.milling.milling_site import true_centers_bed
 from tests.helpers.derived import derived
+from tests.helpers.session_file import reopened
 
 
 def burr_of(session):
@@ -78,7 +78,7 @@ def test_a_perfect_robot_and_an_exact_spindle_leave_chuck_and_seat_alone():
 def test_it_is_kept_in_a_file_and_computed_from_it_again(bench):
     bench.dispatch(RegisterBurr())  # computed here: another processor rounds otherwise
     made = bench.session
-    back = session_from_bytes(session_bytes(made))
+    back = reopened(made)
     assert digest(back.captures.get("burr")) == digest(made.captures.get("burr"))
     assert digest(burr_of(back)) == digest(burr_of(made))
     assert stale_reason("burr", back) is None

@@ -27,7 +27,7 @@ from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.planning.plan_motion import plan_scan
 from rona_core.robot.verification.verifier import verify_scan
 from rona_core.session.codec import digest
-from rona_core.session.files import session_bytes, session_from_bytes
+from tests.helpers.session_file import reopened
 from tests.scenes import demo_parts
 
 OVER = (0.0, 0.0, 2.0)
@@ -95,7 +95,7 @@ def test_verdict_and_file_keep_the_motion(scanned):
     seconds = round(found.floor_plan.trajectory.duration_s)
     places = f"scanned again at {found.asked} places in a certified motion of {seconds} s"
     assert places in rehearsal_verdict(found)
-    loaded = session_from_bytes(session_bytes(session))
+    loaded = reopened(session)
     assert digest(loaded.results.more["rehearsal"].value) == digest(found)
     assert loaded.results.more["rehearsal"].value.floor_plan.may_move
 
@@ -141,7 +141,7 @@ def test_where_the_probe_may_not_touch_the_floor_is_not_scanned_and_the_reason_i
     assert "the floor could not be scanned again, as no motion of the probe over it is" in said
     assert "rolls works" in said
     assert "by blocked" in said
-    loaded = session_from_bytes(session_bytes(session))
+    loaded = reopened(session)
     assert rehearsal_verdict(loaded.results.more["rehearsal"].value) == said
 
 
@@ -194,7 +194,7 @@ def test_files_of_earlier_versions_have_a_scan_without_a_motion(milled):
     session, found = milled, milled.results.more["rehearsal"].value
     earlier = replace(found, floor_plan=None)
     held = replace(session.results.more["rehearsal"], value=earlier)
-    loaded = session_from_bytes(session_bytes(session.with_result("rehearsal", held)))
+    loaded = reopened(session.with_result("rehearsal", held))
     assert loaded.results.more["rehearsal"].value.floor_plan is None
     said = rehearsal_verdict(earlier)
     assert f"scanned again at {found.asked} places, was measured" in said

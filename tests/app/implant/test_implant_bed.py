@@ -24,8 +24,8 @@ from rona_core.planning.implants.implant import implant_named
 from rona_core.planning.milling.plan_milling import milling_settings
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
-from rona_core.session.files import session_bytes, session_from_bytes
 from tests.helpers.derived import derived
+from tests.helpers.session_file import reopened
 
 
 def bed_of(session):
@@ -122,7 +122,7 @@ def test_the_same_search_finds_the_same_bed(demo):
 
 
 def test_it_is_saved_and_becomes_stale_with_the_maps(demo, bench):
-    back = session_from_bytes(session_bytes(demo))
+    back = reopened(demo)
     assert digest(back.results) == digest(demo.results)
     assert stale_reason("bed", back) is None
     bench.dispatch(SetProbe(name="1MHz"))

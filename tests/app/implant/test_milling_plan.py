@@ -39,7 +39,7 @@ from rona_core.planning.milling.milling_path import Move
 from rona_core.planning.milling.removal import RIDGE_MM
 from rona_core.planning.robot_milling import milling_obstacles
 from rona_core.robot.verification.tolerances import CuttingTolerances
-from rona_core.session.files import session_bytes, session_from_bytes
+from tests.helpers.session_file import reopened
 from tests.helpers.ui.beds import bed_only, laid_astray
 from tests.scenes import demo_parts
 
@@ -149,7 +149,7 @@ def test_under_way_the_bone_is_cut_under_the_burr_and_not_ahead_of_it(milled):
 
 
 def test_a_session_file_keeps_the_plan_and_its_certificate(milled):
-    again = session_from_bytes(session_bytes(milled))
+    again = reopened(milled)
     assert stale_reason("milling", again) is None
     plan = milling_plan_of(again)
     assert plan.may_move

@@ -28,7 +28,7 @@ from rona_core.planning.robot_milling import milling_obstacles
 from rona_core.robot.planning.plan_motion import CuttingPlanSettings
 from rona_core.robot.verification.verifier import verify_cutting
 from rona_core.session.codec import digest
-from rona_core.session.files import session_bytes, session_from_bytes
+from tests.helpers.session_file import reopened
 from tests.scenes import demo_parts
 
 THICK_MM = 1.0  # more bone than the planned bed is sure to leave
@@ -155,7 +155,7 @@ def test_raised_layers_are_milled_in_their_own_certified_motion(milled, monkeypa
     assert f"planned anew and certified ({minutes} min {seconds:02d} s)" in said
     assert not rehearsal_ok(found)
     # a file keeps it, and the figures are those of this way
-    loaded = session_from_bytes(session_bytes(session))
+    loaded = reopened(session)
     assert digest(loaded.results.more["rehearsal"].value) == digest(found)
     again = milled_again(loaded, found, site._scene)
     np.testing.assert_array_equal(again.least_mm, site.least_mm)
@@ -219,7 +219,7 @@ def test_files_of_earlier_versions_have_raised_layers_without_a_plan(milled, mon
     session, found, site = rehearsed(milled)
     earlier = replace(found, raised_plan=None)
     held = replace(session.results.more["rehearsal"], value=earlier)
-    loaded = session_from_bytes(session_bytes(session.with_result("rehearsal", held)))
+    loaded = reopened(session.with_result("rehearsal", held))
     assert loaded.results.more["rehearsal"].value.raised_plan is None
     assert "planned anew" not in rehearsal_verdict(earlier)
     figures = rehearsal_figures(loaded, truth_of(loaded, site._scene))

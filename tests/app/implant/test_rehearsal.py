@@ -25,8 +25,8 @@ from rona_core.evaluation.metrics import evaluate
 from rona_core.evaluation.milling_metrics import milled_again
 from rona_core.planning.rehearsal.rehearse import STEP_MM, rehearse
 from rona_core.session.codec import digest
-from rona_core.session.files import session_bytes, session_from_bytes
 from rona_core.virtual.milling.milling_site import true_centers_bed
+from tests.helpers.session_file import reopened
 from tests.helpers.ui.beds import bed_only
 from tests.scenes import demo_parts
 
@@ -82,7 +82,7 @@ def test_the_same_number_gives_the_same_rehearsal_and_another_gives_another(mill
 
 
 def test_a_file_keeps_it(rehearsed):
-    loaded = session_from_bytes(session_bytes(rehearsed))
+    loaded = reopened(rehearsed)
     assert digest(rehearsal_of(loaded)) == digest(rehearsal_of(rehearsed))
     assert rehearsal_stale(loaded) is None
 

@@ -32,7 +32,7 @@ from rona_core.robot.verification.foreign_motion import verify_foreign
 from rona_core.session.captures import is_imported
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
-from rona_core.session.files import session_bytes, session_from_bytes
+from tests.helpers.session_file import reopened
 
 FILE = "captures.h5"
 
@@ -94,7 +94,7 @@ def test_every_capture_comes_back_as_it_was_and_is_marked(demo, bench):
     for name in ("tool", "pointer", "surface", "path"):
         assert digest(session.results.get(name).value) == digest(demo.results.get(name).value)
         assert stale_reason(f"capture {name}", session) is None
-    again = session_from_bytes(session_bytes(session))
+    again = reopened(session)
     assert again.captures.tool.setup_digest == session.captures.tool.setup_digest
     bench.dispatch(SetRobot(model="ur10"))
     assert "robot" in stale_reason("capture tool", bench.session)

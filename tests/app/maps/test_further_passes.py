@@ -42,9 +42,10 @@ from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.robot.kinematics.link_errors import alike
 from rona_core.robot.redundancy.scan_postures import with_other_roll
 from rona_core.session.codec import digest
-from rona_core.session.files import load_session, session_bytes, session_from_bytes
+from rona_core.session.files import load_session
 from tests.app.maps.further import half_of, mapped_again
 from tests.helpers.derived import derived
+from tests.helpers.session_file import reopened
 
 SMALL = Path(__file__).parents[2] / "sessions" / "whole.rona"
 
@@ -321,7 +322,7 @@ def test_a_pass_that_is_planned_and_not_scanned_is_the_last_motion(one):
 
 
 def test_a_file_keeps_all_passes(mapped):
-    back = session_from_bytes(session_bytes(mapped))
+    back = reopened(mapped)
     assert [digest(one) for one in back.captures.second] == [
         digest(one) for one in mapped.captures.second
     ]

@@ -21,7 +21,7 @@ from rona_core.app.steps.setup.messages import SetProbe, SetRegion, SetWorld
 from rona_core.app.steps.surface.messages import StartSurfaceCapture
 from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.compose import new_session, new_workbench, world_of
-from rona_core.session.files import session_bytes, session_from_bytes
+from tests.helpers.session_file import reopened
 
 SMALL = stages(
     "detection",
@@ -70,7 +70,7 @@ def test_the_gauge_takes_away_what_mounting_and_warm_line_do_to_the_map(scanned)
     outward = -POSES.read(bench.session).rotations[:, :, 2]
     shift_mm = np.median(np.einsum("ij,ij->i", outer[1] - outer[0], outward))
     assert float(mounting_words(bench.session).split()[2]) == pytest.approx(shift_mm, abs=0.02)
-    saved = session_from_bytes(session_bytes(bench.session))
+    saved = reopened(bench.session)
     assert stale_reason("maps", saved) is None
     assert KNOWN_MOUNTING.read(saved).offset_mm == found.offset_mm
     bench.close()

@@ -27,7 +27,7 @@ from rona_core.errors import (
 )
 from rona_core.geometry.pose import Pose
 from rona_core.session.codec import digest
-from rona_core.session.files import session_bytes, session_from_bytes
+from tests.helpers.session_file import reopened
 from tests.scenes import demo_parts
 
 
@@ -68,7 +68,7 @@ def test_tracker_and_robot_agree_on_the_landmarks(bench):
     assert all(row.distance_mm < 3.0 * row.sigma_mm for row in report.rows)
     assert 0.1 < report.sigma_mm < 0.8
     assert stale_reason("landmarks", bench.session) is None
-    again = session_from_bytes(session_bytes(bench.session))
+    again = reopened(bench.session)
     assert digest(verification(again).check) == digest(found.check)
 
 

@@ -17,9 +17,9 @@ from rona_core.errors import CancelledError, DeviceError
 from rona_core.geometry.path5d import Path5D
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
-from rona_core.session.files import session_bytes, session_from_bytes
 from rona_core.ultrasound.detection.probe_choice import ExpectedCoverage, QuickLook
 from rona_core.virtual.acoustics import plates
+from tests.helpers.session_file import reopened
 from tests.scenes import demo_parts
 
 LINES = 4
@@ -78,7 +78,7 @@ def test_it_stays_where_the_other_probe_is_chosen_and_goes_with_bone_and_receive
 
 
 def test_it_is_kept_in_the_file_and_computed_again_from_what_was_recorded(looked):
-    again = session_from_bytes(session_bytes(looked))
+    again = reopened(looked)
     assert digest(again.captures.get("looks")) == digest(looked.captures.get("looks"))
     held = looked.results.get("quick_look")
     assert again.results.get("quick_look").value == held.value

@@ -28,7 +28,7 @@ from rona_core.app.steps.tool.messages import StartToolCapture
 from rona_core.compose import build_virtual_rig, new_session, new_workbench
 from rona_core.evaluation.truth import head_place_base
 from rona_core.session.codec import encode
-from rona_core.session.files import session_bytes, session_from_bytes
+from tests.helpers.session_file import reopened
 
 STROKE = StartSurfaceCapture(duration_s=20.0)
 MESSAGES = (
@@ -131,12 +131,12 @@ def test_a_head_that_moves_too_far_within_the_scan_does_not_pass(restless):
 
 def test_saved_and_opened_it_is_the_same_and_older_files_stay_as_they_are(restless):
     session = restless.session
-    opened = session_from_bytes(session_bytes(session))
+    opened = reopened(session)
     np.testing.assert_array_equal(POSES.read(opened).translations, POSES.read(session).translations)
     assert stale_reason("maps", opened) is None
     older = without_marker(session)
     assert "head" not in encode(older.captures.scan, "scan", {})
-    assert head_report(session_from_bytes(session_bytes(older))) is None
+    assert head_report(reopened(older)) is None
     assert unwatched(older) is None
 
 

@@ -29,10 +29,10 @@ from rona_core.mapping.build_maps import boundary_points
 from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
-from rona_core.session.files import session_bytes, session_from_bytes
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import speed_at
 from rona_core.ultrasound.detection.detect import doubted, has_inner_echoes
 from tests.helpers.derived import derived
+from tests.helpers.session_file import reopened
 
 TESTS = Path(__file__).resolve().parents[2]
 
@@ -104,7 +104,7 @@ def test_corrections_are_undone_saved_and_loaded(demo):
     store.dispatch(CorrectBoundary(i + 1, remove="outer"))
     store.dispatch(Undo())
     assert digest(store.session.boundary_edits) == digest(changed.boundary_edits)
-    loaded = session_from_bytes(session_bytes(changed))
+    loaded = reopened(changed)
     assert loaded.boundary_edits == changed.boundary_edits
     store.dispatch(ClearBoundaryCorrections())
     assert len(store.session.boundary_edits) == 0

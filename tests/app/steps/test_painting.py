@@ -25,7 +25,8 @@ from rona_core.app.steps.tool.messages import RegisterTool
 from rona_core.errors import InvalidInputError, StepBlockedError
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
-from rona_core.session.files import load_session, session_bytes, session_from_bytes
+from rona_core.session.files import load_session, session_bytes
+from tests.helpers.session_file import reopened
 
 FILE = Path(__file__).parents[2] / "sessions" / "path.rona"
 
@@ -118,7 +119,7 @@ def test_strokes_are_undone_one_by_one_and_kept_in_the_file(smoothed):
     store = Store(smoothed)
     store.dispatch(PaintRegion("avoid", (plain(middle(smoothed)),), 6.0))
     store.dispatch(PaintRegion("scan", (near(smoothed, (0.0, 9.0, 0.0)),), 3.0))
-    again = session_from_bytes(session_bytes(store.session))
+    again = reopened(store.session)
     assert digest(again.painted) == digest(store.session.painted)
     store.dispatch(Undo())
     assert [stroke.kind for stroke in store.session.painted.strokes] == ["avoid"]
@@ -127,7 +128,7 @@ def test_strokes_are_undone_one_by_one_and_kept_in_the_file(smoothed):
 
 def test_a_session_without_paint_is_stored_as_before(smoothed):
     assert b'"painted"' not in session_bytes(smoothed)
-    assert len(session_from_bytes(session_bytes(smoothed)).painted) == 0
+    assert len(reopened(smoothed).painted) == 0
 
 
 def test_paint_goes_with_the_bone_it_is_on(smoothed):

@@ -38,7 +38,8 @@ from rona_core.evaluation.navigation_metrics import smoothing_figures
 from rona_core.path.simplification.error_bound import deviations
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
-from rona_core.session.files import load_session, session_bytes, session_from_bytes
+from rona_core.session.files import load_session
+from tests.helpers.session_file import reopened
 
 FILE = Path(__file__).parents[2] / "sessions" / "path.rona"
 
@@ -138,7 +139,7 @@ def test_changes_are_undone_saved_and_reproduced(smoothed):
     changed = store.session
     assert len(changed.path_edits) == 3
     assert states(changed)["smoothing"] == "done"
-    again = session_from_bytes(session_bytes(changed))
+    again = reopened(changed)
     assert digest(again) == digest(changed)
     done = {made.result: made.same for made in replay(again)}
     assert done["smoothing"] is True

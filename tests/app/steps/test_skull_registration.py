@@ -22,12 +22,12 @@ from rona_core.compose import new_workbench, read_skull
 from rona_core.errors import CancelledError, InvalidInputError, StepBlockedError
 from rona_core.geometry.pose import Pose
 from rona_core.session.document import Session
-from rona_core.session.files import session_bytes, session_from_bytes
 from rona_core.session.specimen import SimulatedSkull
 from rona_core.virtual.specimen.build_specimen import build_specimen
 from rona_ui.panels.surface import registered as words_of
 from rona_ui.scene.pointer import contours
 from tests.helpers.derived import derived
+from tests.helpers.session_file import reopened
 from tests.helpers.sphere_world import boundary_meshes
 
 pytestmark = pytest.mark.slow
@@ -89,7 +89,7 @@ def test_the_skull_is_found_as_well_as_the_pointer_measures(bench, registered):
 def test_it_is_stored_saved_replayed_and_undone(bench, registered):
     derived = registered.results.registration
     assert derived.message == "StartSkullRegistration"
-    again = session_from_bytes(session_bytes(registered))
+    again = reopened(registered)
     np.testing.assert_array_equal(
         again.results.registration.value.T_b_a.matrix(), derived.value.T_b_a.matrix()
     )

@@ -11,7 +11,7 @@ from rona_core.app.steps.setup.clearance import clearance_violations, drawn_obst
 from rona_core.app.steps.setup.messages import AddObstacle, RemoveObstacle, SetRobot, SetWorkcell
 from rona_core.errors import InvalidInputError, NotFoundError
 from rona_core.session.document import Session
-from rona_core.session.files import session_bytes, session_from_bytes
+from tests.helpers.session_file import reopened
 from tests.scenes import demo_parts
 
 WALL = AddObstacle("wall", (0.0, -1200.0, 0.0), (3000.0, 100.0, 2500.0))
@@ -129,5 +129,5 @@ def test_a_new_box_makes_a_plan_stale_and_taking_it_away_makes_it_good_again():
 
 def test_boxes_are_saved_with_the_session():
     session = handle(LAMP, handle(WALL, Session()))
-    again = session_from_bytes(session_bytes(session))
+    again = reopened(session)
     assert again.setup == session.setup

@@ -19,6 +19,7 @@ from rona_core.devices.files.text_tables import NamedFile
 from rona_core.errors import InvalidInputError, NotFoundError
 from rona_core.session.files import load_session
 from rona_core.virtual.specimen.import_skull import import_skull
+from tests.helpers.readers_apart import breaking, crashing, greedy, modest
 
 RATE_HZ = 4e7
 
@@ -154,22 +155,6 @@ def test_a_pipe_is_no_file(pipe):
 
 
 # ------------------------------------------------------------------ a process of its own
-
-
-def crashing(path, name):
-    os.kill(os.getpid(), signal.SIGSEGV)
-
-
-def greedy(path, name):
-    return {"a": np.ones(1 << 28)}
-
-
-def breaking(path, name):
-    raise KeyError("half\na word")
-
-
-def modest(path, name):
-    return {"a": np.frombuffer(path.read_bytes(), np.uint8), "b": None}
 
 
 def test_a_crash_of_a_library_is_told_and_survived():
