@@ -11,8 +11,10 @@ wants one.
 
 import gc
 import os
+import subprocess
 from collections import Counter
 from functools import cache
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import settings
@@ -24,6 +26,8 @@ EXAMPLES = float(os.environ.get("RONA_EXAMPLES", "1"))
 FEWEST = 5  # examples of a property, unless it has fewer
 SECONDS = "rona/seconds_of_files"
 BROWSERS = "tests/ui/browser/"  # each draws with a processor of its own: one after the other
+# folders whose files share what takes long
+TOGETHER = (BROWSERS, "tests/app/dependencies/", "tests/app/implant/", "tests/app/steps/handheld/")
 ADDED_NICENESS = 10  # of tests without a browser: hands that move in real time come first
 BESIDE_BROWSERS = pytest.StashKey[bool]()  # whether another worker drives browsers
 BY_HYPOTHESIS = "_hypothesis_internal_use_settings"
@@ -104,13 +108,13 @@ def pytest_runtest_setup(item):
 
 @pytest.hookimpl(optionalhook=True)  # pytest-xdist need not be installed
 def pytest_xdist_make_scheduler(config, log):
-    """Give files to the workers, and all files that drive a browser to one of them."""
+    """Give files to the workers; those that share a browser, or results, to one of them."""
     from xdist.scheduler import LoadFileScheduling
 
     class OneBrowser(LoadFileScheduling):
         def _split_scope(self, nodeid):
             file = file_of(nodeid)
-            return BROWSERS if file.startswith(BROWSERS) else file
+            return next((f for f in TOGETHER if file.startswith(f)), file)
 
     return OneBrowser(config, log)
 
@@ -121,6 +125,17 @@ def demo():
     from tests.scenes import demo_parts
 
     return demo_parts.demo()
+
+
+@pytest.fixture
+def readers_here(monkeypatch):
+    """Files of others are read in this process, where it is not the reading that is tested."""
+    from rona_core.devices.files import reader_process
+    from tests.helpers.readers_apart import run_here
+
+    plain = SimpleNamespace(**vars(subprocess))
+    plain.run = run_here
+    monkeypatch.setattr(reader_process, "subprocess", plain)
 
 
 @pytest.hookimpl(wrapper=True)

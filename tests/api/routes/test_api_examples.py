@@ -7,6 +7,7 @@ from rona_core.app.steps.handheld.messages import StartHandheldScan
 from rona_core.app.steps.surface.messages import StartSurfaceCapture
 
 
+@pytest.mark.ci
 def test_the_harness_calibrates_the_pointer_over_rest(web):
     error_mm = drive_over_rest.main(f"http://127.0.0.1:{web.port}", web.token)
     (bench,) = [web.hub.get(i) for i in web.hub.ids() if web.hub.get(i).session.name == "harness"]

@@ -13,6 +13,8 @@ from rona_core.app.steps.maps.inputs import drawn_maps
 from rona_core.app.steps.maps.volume import echo_volume
 from tests.scenes.map_ct import ct_of
 
+pytestmark = pytest.mark.usefixtures("readers_here")
+
 
 @pytest.fixture(scope="module")
 def demo(client):

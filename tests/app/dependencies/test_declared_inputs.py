@@ -11,21 +11,16 @@ from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.staleness import digest_of, input_digests, stale_reason
 from rona_core.app.runtime.handling import compute_result, handle
 from rona_core.app.steps.acoustics.derivation import ANY_AGAIN
-from rona_core.app.steps.acoustics.messages import CalibrateDelayLine, StartDelayLineCapture
+from rona_core.app.steps.acoustics.messages import CalibrateDelayLine
 from rona_core.app.steps.boundaries.messages import CorrectBoundary
-from rona_core.app.steps.handheld.messages import (
-    StartHandheldCalibration,
-    StartHandheldMapping,
-    StartHandheldScan,
-)
 from rona_core.app.steps.maps.messages import StartMapping
 from rona_core.app.steps.path.messages import PaintRegion
 from rona_core.app.steps.scan.inputs import ANY_PASSES
 from rona_core.app.steps.scan.landmarks.messages import OverrideLandmarks
-from rona_core.app.steps.scan.messages import StartQuickLook
 from rona_core.compose import new_workbench
 from rona_core.session.document import Derived, Session
 from tests.helpers.derived import derived
+from tests.scenes import demo_parts
 
 DECLARED = {name: REGISTRY.result(name) for name in REGISTRY.replayed}
 NAMES = (*REGISTRY.replayed, *(f"capture {name}" for name in REGISTRY.captures))
@@ -39,15 +34,9 @@ class StandIn:
 
 
 @pytest.fixture(scope="module")
-def session(demo):
+def session():
     """The demo, with A-scans on the block and by hand, and stand-ins of what takes long."""
-    bench = new_workbench(demo)
-    bench.run(StartDelayLineCapture(n=8))
-    bench.dispatch(CalibrateDelayLine(use=False))
-    bench.run(StartHandheldCalibration(pivot_s=8.0, spin_s=8.0))
-    bench.run(StartHandheldScan(duration_s=6.0, rate_hz=10.0, spacing_mm=8.0))
-    bench.run(StartHandheldMapping())
-    bench.run(StartQuickLook(lines=4))
+    bench = new_workbench(demo_parts.measured_beside())
     bench.dispatch(OverrideLandmarks(reason="a test of inputs"))
     made = bench.session
     bench.close()

@@ -17,20 +17,13 @@ from rona_core.app.runtime.handling import handle
 from rona_core.app.runtime.session_step import RenameSession
 from rona_core.app.runtime.workbench import Workbench
 from rona_core.app.steps.acoustics.messages import (
-    CalibrateDelayLine,
     StartCaliperMeasurements,
     StartDelayLineCapture,
-)
-from rona_core.app.steps.handheld.messages import (
-    StartHandheldCalibration,
-    StartHandheldMapping,
-    StartHandheldScan,
 )
 from rona_core.app.steps.implant.messages import StartBedLines
 from rona_core.app.steps.path.messages import StartPathCapture
 from rona_core.app.steps.pointer.messages import StartPointerCapture
 from rona_core.app.steps.roll.messages import StartBasePlacement, StartRollSearch
-from rona_core.app.steps.scan.messages import StartQuickLook
 from rona_core.app.steps.setup.messages import (
     AddObstacle,
     MoveTracker,
@@ -217,20 +210,13 @@ def bench_of(session, uploads):
 @pytest.fixture(scope="module")
 def session(tmp_path_factory):
     """The demo with everything that it lacks: lines, block, caliper, plan, scan by hand, place."""
-    bench = bench_of(demo_parts.demo(), tmp_path_factory.mktemp("uploads"))
+    bench = bench_of(demo_parts.measured_beside(), tmp_path_factory.mktemp("uploads"))
     for activity in (
         StartBedLines(),
-        StartQuickLook(lines=4),
         StartBasePlacement(half_x_mm=0.0, half_y_mm=0.0),
         StartCaliperMeasurements(n=3),
-        StartHandheldCalibration(pivot_s=5.0, spin_s=8.0),
-        StartHandheldScan(duration_s=10.0, rate_hz=10.0),
-        StartHandheldMapping(),
-        StartDelayLineCapture(n=8),
     ):
         bench.run(activity)
-    # else the boundaries are to be found again
-    bench.dispatch(CalibrateDelayLine(use=False))
     made = bench.session
     bench.close()
     # the maps take half a minute: pretend that they were made at the speed of the caliper

@@ -29,6 +29,8 @@ from tests.scenes.map_ct import ct_of
 
 SMALL = Path(__file__).parents[2] / "sessions" / "whole.rona"
 
+pytestmark = pytest.mark.usefixtures("readers_here")
+
 
 @pytest.fixture(scope="module")
 def bench():

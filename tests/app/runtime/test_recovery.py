@@ -173,6 +173,7 @@ sys.stdin.read()
 """
 
 
+@pytest.mark.ci
 def test_a_killed_process_loses_nothing_it_had_acknowledged(tmp_path):
     command = [sys.executable, "-c", WORK, str(tmp_path)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
@@ -491,6 +492,7 @@ def test_a_folder_is_dead_once_its_lock_is_free(tmp_path):
     assert not empty.path.exists()
 
 
+@pytest.mark.ci
 def test_temporary_files_of_killed_programs_go_at_the_start_and_no_others(tmp_path):
     script = (
         "import os, sys\nfrom pathlib import Path\n"

@@ -45,6 +45,7 @@ def scanned():
     bench.close()
 
 
+@pytest.mark.ci
 def test_the_gauge_takes_away_what_mounting_and_warm_line_do_to_the_map(scanned):
     bench = new_workbench(scanned.session)
     before = bench.figures()

@@ -93,6 +93,7 @@ def row(session, key):
     return next(r for r in quality_rows({}, session) if r.key == key)
 
 
+@pytest.mark.ci
 def test_poses_are_led_back_to_where_the_head_lay_in_step_4(restless):
     session = restless.session
     moved = true_shift(session)
@@ -107,6 +108,7 @@ def test_poses_are_led_back_to_where_the_head_lay_in_step_4(restless):
     assert figures["surface_tip_3d_rms_mm"] < 0.5
 
 
+@pytest.mark.ci
 def test_what_was_seen_is_told_capture_by_capture(restless):
     session = restless.session
     report = head_report(session)
@@ -124,11 +126,13 @@ def test_what_was_seen_is_told_capture_by_capture(restless):
     assert unwatched(session) is None
 
 
+@pytest.mark.ci
 def test_a_head_that_moves_too_far_within_the_scan_does_not_pass(restless):
     rows = quality_rows({"head_motion_mm": 0.6}, restless.session)
     assert next(r for r in rows if r.key == "head_motion_mm").verdict == "fail"
 
 
+@pytest.mark.ci
 def test_saved_and_opened_it_is_the_same_and_older_files_stay_as_they_are(restless):
     session = restless.session
     opened = reopened(session)
@@ -140,6 +144,7 @@ def test_saved_and_opened_it_is_the_same_and_older_files_stay_as_they_are(restle
     assert unwatched(older) is None
 
 
+@pytest.mark.ci
 def test_a_new_reference_makes_stale_what_rests_on_the_old_one(restless):
     bench = new_workbench(restless.session)
     assert stale_reason("path", bench.session) is None
@@ -175,6 +180,7 @@ def test_by_position_alone_the_head_is_watched_too(planned):
     bench.close()
 
 
+@pytest.mark.ci
 @pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     ("message", "reason"),

@@ -18,9 +18,9 @@ from rona_ui.panels.roll.roll import placement_words
 
 HERE = StartBasePlacement(half_x_mm=0.0, half_y_mm=0.0)  # where the base stands alone
 NARROW = {"n_rolls": 6, "roll_from_deg": 0.0, "roll_to_deg": 40.0}  # no roll of it works
-SEARCHES = (
-    StartRollSearch(),
+SEARCHES = (  # the first and the last are quick
     StartRollSearch(n_rolls=12, mode="constant"),
+    StartRollSearch(),
     StartRollSearch(n_rolls=12, mode="variable"),
     StartRollSearch(n_rolls=7, roll_from_deg=60.0, roll_to_deg=120.0),
     StartRollSearch(**NARROW, mode="constant"),

@@ -121,6 +121,7 @@ def contradicted():
     bench.close()
 
 
+@pytest.mark.ci
 def test_a_contradicted_registration_is_not_good_wherever_it_is_shown(contradicted):
     made = contradicted.results.tool.value
     assert made.verdict == "weak"
@@ -139,6 +140,7 @@ def test_a_contradicted_registration_is_not_good_wherever_it_is_shown(contradict
     assert "0.35 mm are assumed" in page
 
 
+@pytest.mark.ci
 def test_landmarks_that_contradict_the_robot_are_a_warning_and_no_pass(contradicted):
     check = contradicted.results.get("landmarks").value
     assert "the distances of the landmarks vary with the posture" in check.contradiction

@@ -42,6 +42,7 @@ def by_hand():
     bench.close()
 
 
+@pytest.mark.ci
 def test_without_the_robot_it_maps_both_boundaries(by_hand):
     session, figures = by_hand.session, by_hand.figures()
     assert session.results.tool is None
@@ -76,6 +77,7 @@ def test_it_follows_from_the_captures_and_survives_a_file(by_hand, tmp_path):
     )
 
 
+@pytest.mark.ci
 def test_what_has_changed_makes_it_stale_and_undo_brings_it_back(by_hand):
     names = ("sono", "sono_detection", "sono_maps")
     assert [stale_reason(name, by_hand.session) for name in names] == [None] * 3
@@ -106,6 +108,7 @@ def test_an_order_that_makes_no_sense_is_blocked():
         bench.close()
 
 
+@pytest.mark.ci
 def test_with_a_covered_base_marker_and_no_robot_there_is_no_reference(by_hand):
     bench = new_workbench(by_hand.session)
     try:
@@ -138,6 +141,7 @@ def test_with_a_registered_robot_the_maps_are_in_its_base_and_the_delay_is_known
         bench.close()
 
 
+@pytest.mark.ci
 def test_a_probe_that_the_tracker_lost_counts_at_no_ascan(by_hand):
     bench = new_workbench(by_hand.session)
     try:
