@@ -134,9 +134,12 @@ def test_moving_points_and_surface_moves_the_pose_with_them(seed):
     )
 
 
-def test_a_wide_patch_with_gross_errors_is_met_and_its_error_predicted(skull):
+@pytest.mark.parametrize(
+    ("trials", "least", "most"), [(2, 0.4, 2.0), pytest.param(10, 0.6, 1.4, marks=pytest.mark.slow)]
+)
+def test_a_wide_patch_with_gross_errors_is_met_and_its_error_predicted(skull, trials, least, most):
     misses, expected = [], []
-    for trial in range(10):
+    for trial in range(trials):
         rng = np.random.default_rng((1, trial))
         points_b, wrong = patch(rng, 500, 70.0, outliers=0.05)
         found, truth = register(rng, skull, points_b)
@@ -146,7 +149,7 @@ def test_a_wide_patch_with_gross_errors_is_met_and_its_error_predicted(skull):
         assert found.verdict == "good", found.reasons
         assert np.mean(found.weights[wrong] < 0.2) > 0.8  # those along the surface do no harm
     assert np.median(misses) < 0.2
-    assert 0.6 < np.sqrt(np.mean(np.square(misses))) / np.mean(expected) < 1.4
+    assert least < np.sqrt(np.mean(np.square(misses))) / np.mean(expected) < most
 
 
 @pytest.mark.slow

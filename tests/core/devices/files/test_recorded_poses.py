@@ -35,6 +35,8 @@ from tests.helpers.pose_samples import (
     rows,
 )
 
+pytestmark = pytest.mark.usefixtures("readers_here")
+
 
 @pytest.mark.parametrize("name", FILES)
 def test_a_file_is_read_as_it_is(name):

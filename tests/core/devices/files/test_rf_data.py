@@ -11,6 +11,8 @@ from rona_core.devices.files.rf.rf_data import read_rf
 from rona_core.devices.files.text_tables import NamedFile
 from rona_core.errors import InvalidInputError
 
+pytestmark = pytest.mark.usefixtures("readers_here")
+
 N, SAMPLES, RATE_HZ = 7, 300, 40e6
 
 

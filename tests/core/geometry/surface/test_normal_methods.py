@@ -46,7 +46,7 @@ def test_predicted_errors_are_honest(density):
 def test_a_quadric_stands_upright_at_the_rim_where_a_plane_leans():
     rng = np.random.default_rng(1)
     points, out, true = noisy_cap(rng, 20000)
-    rim = points[true @ out < R * np.cos(np.deg2rad(40) - 1 / R)]
+    rim = points[true @ out < R * np.cos(np.deg2rad(40) - 1 / R)][::3]
     for method, low, high in (("plane", 3.0, 6.0), ("jet", 0.0, 0.7)):
         found = NormalField(points, 15.0).normals(rim, method=method, viewpoint=4 * R * out)
         assert low < np.median(errors_deg(found, rim)) <= high

@@ -57,8 +57,8 @@ def cap(mesh, keep):
     return Mesh(mesh.vertices, mesh.faces[keep(centres)])
 
 
-@pytest.mark.sweep(2)
-@pytest.mark.parametrize(("outer_mm", "inner_mm"), [(80.0, 74.0), (79.7, 74.0), (80.4, 73.8)])
+@pytest.mark.sweep(1)
+@pytest.mark.parametrize(("outer_mm", "inner_mm"), [(80.4, 73.8), (79.7, 74.0), (80.0, 74.0)])
 def test_errors_are_the_differences_of_the_radii(outer_mm, inner_mm):
     maps = maps_of_spheres()
     found = compare_with_bone(maps, shell(outer_mm, inner_mm))
