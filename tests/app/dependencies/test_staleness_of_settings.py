@@ -20,6 +20,7 @@ from rona_core.app.steps.acoustics.messages import (
     StartCaliperMeasurements,
     StartDelayLineCapture,
 )
+from rona_core.app.steps.handheld.messages import StartHandheldMapping
 from rona_core.app.steps.implant.messages import StartBedLines
 from rona_core.app.steps.path.messages import StartPathCapture
 from rona_core.app.steps.pointer.messages import StartPointerCapture
@@ -215,6 +216,7 @@ def session(tmp_path_factory):
         StartBedLines(),
         StartBasePlacement(half_x_mm=0.0, half_y_mm=0.0),
         StartCaliperMeasurements(n=3),
+        StartHandheldMapping(),  # at the speed of the caliper
     ):
         bench.run(activity)
     made = bench.session

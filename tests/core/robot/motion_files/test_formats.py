@@ -97,6 +97,7 @@ def test_units_are_those_of_the_names():
         ("a.db3", b"SQLite format 3\0", "damaged ROS file"),
     ],
 )
+@pytest.mark.usefixtures("readers_here")
 def test_what_cannot_be_meant_is_refused(name, text, words):
     with pytest.raises(InvalidInputError, match=words):
         read(name, text)
@@ -191,6 +192,7 @@ def bag(folder, topics):
     return file.read_bytes()
 
 
+@pytest.mark.usefixtures("readers_here")
 def test_recorded_joint_states_are_a_motion(tmp_path):
     names = [NAMES[k] for k in (2, 1, 0, 3, 4, 5)]
     rows = [

@@ -245,7 +245,8 @@ def test_the_head_itself_is_no_place_and_levels_are_tried():
 def test_cancel_and_progress():
     heard = []
     path = short("S3")
-    place_base(path, RX90, RobotSettings(), search=SMALL, planner=quick, progress=heard.append)
+    few = replace(SMALL, half_x_mm=100.0, half_y_mm=0.0)
+    place_base(path, RX90, RobotSettings(), search=few, planner=quick, progress=heard.append)
     assert heard == sorted(heard)
     assert heard[-1] == 1.0
     with pytest.raises(CancelledError, match="place of the base"):
