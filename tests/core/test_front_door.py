@@ -43,6 +43,7 @@ def test_the_core_is_imported_at_once_and_its_parts_when_asked_for():
         _ = rona_core.nothing
 
 
+@pytest.mark.ci
 def test_readers_of_foreign_files_are_imported_when_there_is_one():
     dear = {"scipy.signal", "scipy.stats", "scipy.io", "h5py", "nibabel", "nrrd"}
     verbs = "rona_ui.cli.serve, rona_ui.cli.demo"

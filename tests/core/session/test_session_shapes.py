@@ -20,7 +20,7 @@ from rona_core.session.document import Session
 from rona_core.session.files import session_bytes, session_from_bytes
 from rona_core.session.shapes import INDICES, SHAPES
 
-DEMO = Path(__file__).resolve().parents[3] / "sessions" / "demo.rona"
+WHOLE = Path(__file__).resolve().parents[2] / "sessions" / "whole.rona"
 
 
 def classes_of_sessions():
@@ -114,9 +114,9 @@ def test_each_array_of_the_demo_session_is_refused_in_another_shape(demo):
 
 
 def spoiled(change):
-    """The bytes of the demo session after ``change(manifest)``; its digests hold."""
+    """The bytes of a small session after ``change(manifest)``; its digests hold."""
     out = io.BytesIO()
-    with zipfile.ZipFile(DEMO) as old:
+    with zipfile.ZipFile(WHOLE) as old:
         members = {name: old.read(name) for name in old.namelist()}
     manifest = json.loads(members.pop("manifest.json"))
     change(manifest, members)

@@ -94,6 +94,7 @@ def test_any_change_of_any_length_of_an_arm_of_another_build_does_too(name):
     assert swept(BUILDERS[name](), ["arm"]) == {"arm"}
 
 
+@pytest.mark.sweep(2)
 @every_robot
 def test_models_built_twice_have_one_digest_whatever_they_are_called(name, tmp_path):
     first, second = BUILDERS[name](), BUILDERS[name]()
@@ -186,6 +187,7 @@ def test_any_pair_of_bodies_that_is_looked_at_counts(monkeypatch, name):
         assert robot_digest.__wrapped__(model) != digest, pair
 
 
+@pytest.mark.sweep(2)
 @every_robot
 def test_allowed_pairs_belong_to_the_model_and_not_to_its_name(name):
     model = BUILDERS[name]()
