@@ -42,7 +42,7 @@ COMPILED := PYTHONDONTWRITEBYTECODE=
 # all tests have three workers on two cores, since they wait for browsers and servers: one drives the browsers,
 # the others take the files first that took longest in the last run (tests/conftest.py)
 IN_FILES := --dist loadfile --no-loadscope-reorder
-# the quick tests; .ci/run adds what is marked "ci": a whole procedure and a walk through a browser
+# the quick tests; .ci/run adds what is marked "ci": chains of steps, a whole procedure, a walk through a browser
 TIER ?= not slow
 # how many examples are drawn of each property, times those that it names
 QUICK_EXAMPLES ?= 0.15

@@ -30,7 +30,7 @@ TIMES = ("wall_s", "cpu_s")
 PLAN = """
 title = "tool tips"
 until = "tool"
-seeds = { first = 40, count = 3 }
+seeds = { first = 40, count = 2 }
 keep = ["worst 1 of tool_tip_error_mm"]
 [factors]
 SetTracker.profile = ["vega"]
@@ -69,12 +69,12 @@ def unwatched(progress):
 
 @pytest.fixture(scope="module")
 def done(tmp_path_factory):
-    """A study of three patients that was run here: its plan and its folder."""
+    """A study of two patients that was run here: its plan and its folder."""
     folder = tmp_path_factory.mktemp("study")
     plan = read_plan(small(folder))
     seen = []
     run_study(plan, folder / "out", Here(), lambda p: seen.append((p.done, p.failures)))
-    assert seen == [(0, 0), (1, 0), (2, 0), (3, 0)]
+    assert seen == [(0, 0), (1, 0), (2, 0)]
     return plan, folder / "out"
 
 
@@ -119,7 +119,7 @@ def test_the_session_of_the_worst_alone_is_kept_and_is_that_patient(done):
 def test_what_is_done_is_not_done_again_and_a_longer_plan_goes_on(done, tmp_path):
     _, out = done
     before = {path.name: path.read_bytes() for path in (out / "patients").iterdir()}
-    longer = read_plan(small(tmp_path, PLAN.replace("count = 3", "count = 4")))
+    longer = read_plan(small(tmp_path, PLAN.replace("count = 2", "count = 3")))
     run = []
 
     class Counted(Here):
@@ -132,11 +132,11 @@ def test_what_is_done_is_not_done_again_and_a_longer_plan_goes_on(done, tmp_path
     for name, data in before.items():
         (copy / "patients" / name).write_bytes(data)
     run_study(longer, copy, Counted(), unwatched)
-    assert [seed for function, seed in run if function is run_row] == [43]
+    assert [seed for function, seed in run if function is run_row] == [42]
     assert [function for function, _ in run[1:]] == [run_session]
     after = {path.name: path.read_bytes() for path in (copy / "patients").iterdir()}
     assert before.items() <= after.items()
-    assert len(after) == 4
+    assert len(after) == 3
 
 
 def test_two_studies_do_not_write_in_one_folder(done):
@@ -149,7 +149,7 @@ def test_failures_are_rows_with_step_code_and_reason(tmp_path, monkeypatch):
     text = PLAN.replace(
         'SetTracker.profile = ["vega"]', "SetRegion.center_mesh_mm = [[900.0, 0.0, 0.0]]"
     )
-    plan = read_plan(small(tmp_path, text.replace("count = 3", "count = 1")))
+    plan = read_plan(small(tmp_path, text.replace("count = 2", "count = 1")))
     run_study(plan, tmp_path / "out", Here(), unwatched)
     (row,) = rows_of(tmp_path / "out", plan).values()
     assert (row["completed"], row["failed_step"]) == (False, "setup")
@@ -203,7 +203,7 @@ def test_the_terminal_says_how_far_a_study_is(done, capsys, tmp_path):
     _, out = done
     assert main(["study", "status", str(out)]) == 0
     first, second, *_ = capsys.readouterr().out.splitlines()
-    assert first == "tool tips: 3 of 3 patients done, 0 failed, 0 left"
+    assert first == "tool tips: 2 of 2 patients done, 0 failed, 0 left"
     assert second.startswith("CPU ")
     assert main(["study", "report", str(out)]) == 0
     assert (out / "report.html").stat().st_size > 5000
@@ -273,7 +273,7 @@ def wait_for_row(out, process):
     [pytest.param(signal.SIGKILL, -9, marks=pytest.mark.ci), (signal.SIGINT, 130)],
 )
 def test_a_study_that_is_ended_loses_no_patient_and_does_none_twice(done, tmp_path, how, status):
-    file, out = small(tmp_path, PLAN.replace("count = 3", "count = 5")), tmp_path / "out"
+    file, out = small(tmp_path, PLAN.replace("count = 2", "count = 5")), tmp_path / "out"
     plan = read_plan(file)
     with closing((process := begin(file, out)).stdout), closing(process.stderr):
         wait_for_row(out, process)

@@ -41,7 +41,7 @@ GAP = slice(40, 70)  # A-scans at which the tracker does not see the probe
 @pytest.fixture(scope="module")
 def bench():
     made = new_workbench(Session())
-    quick = StartHandheldScan(duration_s=20.0, rate_hz=20.0, spacing_mm=4.0)
+    quick = StartHandheldScan(duration_s=11.0, rate_hz=20.0, spacing_mm=5.5)
     for activity in (StartHandheldCalibration(pivot_s=8.0, spin_s=8.0), quick):
         made.run(activity)
     capture = made.session.captures.sono_scan

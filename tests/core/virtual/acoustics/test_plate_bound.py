@@ -19,6 +19,7 @@ def narrow(monkeypatch):
     monkeypatch.setattr(echo_model, "_spreading", lambda probe: None)
 
 
+@pytest.mark.sweep(4)  # each value of each parameter twice
 @pytest.mark.parametrize("excitation", ["pulse", "chirp"])
 @pytest.mark.parametrize("name", list(PROBES))
 @pytest.mark.parametrize("thickness_mm", [6.0, 8.0])
@@ -38,6 +39,7 @@ def test_on_a_plate_the_scatter_is_that_of_the_bound(name, excitation, thickness
     assert 0.85 < error_us.std() / bound < 1.5
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("excitation", ["pulse", "chirp"])
 @pytest.mark.parametrize("name", list(PROBES))
 @pytest.mark.usefixtures("narrow")
