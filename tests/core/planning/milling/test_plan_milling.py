@@ -52,6 +52,7 @@ def case(request):
     return implant, settings, surface_mm, plan_milling(implant, settings, surface_mm)
 
 
+@pytest.mark.sweep(3)
 def test_every_prefix_is_a_valid_shallower_bed(case):
     implant, settings, surface_mm, path = case
     x_mm, y_mm = grid_of(implant, settings, 0.2)

@@ -112,7 +112,8 @@ def test_another_description_of_the_same_build_gives_another_arm(tmp_path):
     assert longer.urdf == str(path)
 
 
-@pytest.mark.parametrize("name", ["ur3", "ur5", "ur10"])
+@pytest.mark.sweep(2)
+@pytest.mark.parametrize("name", ["ur5", "ur3", "ur10"])
 def test_an_arm_is_called_a_ur5_if_it_has_the_lengths_of_one(name):
     other = ur("ur5", urdf=urdf_path(name))
     assert other.name == ("ur5" if name == "ur5" else f"arm of {name}_robot.urdf")

@@ -54,6 +54,7 @@ def test_a_loss_that_is_learned_costs_micrometres_of_scatter(name, excitation):
     assert abs(error_us.mean()) * found.sound_speed_mm_per_us / 2.0 < 0.08
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("excitation", ["pulse", "chirp"])
 @pytest.mark.parametrize("name", list(PROBES))
 def test_a_beam_that_spreads_in_the_bone_brings_its_echo_forward(name, excitation):

@@ -24,6 +24,7 @@ def lost_in_cells(cell_mm, step_us, samples):
     return 1.0 - float(abs(np.sum((heard * tone)[late])) / abs(np.sum(sent * tone)) / bone)
 
 
+@pytest.mark.ci
 def test_a_cut_cell_costs_an_echo_by_the_square_of_its_size():
     """A third into a cell of a tenth of a wave, then a third into one of a quarter of that size."""
     coarse, fine = (lost_in_cells(0.15 / n, 0.0079 / n, 1300 * n) for n in (1, 4))

@@ -229,6 +229,7 @@ def touching_balls():
     return trimesh.util.concatenate((ball, wedge)), corners.mean(axis=0)
 
 
+@pytest.mark.ci
 def test_sheets_that_touch_along_an_edge_are_loaded(tmp_path):
     mesh, within = touching_balls()
     mesh.export(tmp_path / "touching.ply")

@@ -56,6 +56,7 @@ def test_landmarks_lie_where_they_are_named():
         assert np.sign(p[0]) == side
 
 
+@pytest.mark.sweep(3)
 @pytest.mark.parametrize("half", [0.8, 1.1, 1.3])  # a region, a face of the cube, the largest
 @pytest.mark.parametrize("seed", range(3))
 def test_a_chart_has_the_closed_form_of_its_head(seed, half):
@@ -65,6 +66,7 @@ def test_a_chart_has_the_closed_form_of_its_head(seed, half):
     np.testing.assert_allclose(shape.chart_radii(axes, slopes), closed, atol=1e-11, rtol=0.0)
 
 
+@pytest.mark.sweep(4)
 @pytest.mark.parametrize("relief", [SMOOTH, ROUGHEST])
 @pytest.mark.parametrize("seed", range(5))
 def test_boundaries_never_touch(seed, relief):
@@ -76,6 +78,7 @@ def test_boundaries_never_touch(seed, relief):
     assert radii.min() > 30.0
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("length", [2.0, 5.0])
 @pytest.mark.parametrize(("kind", "rms"), [("inner_mm", 0.15), ("step_mm", 0.3)])
 def test_relief_has_the_asked_rms_and_correlation_length(kind, rms, length):

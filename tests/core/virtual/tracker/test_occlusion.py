@@ -80,6 +80,7 @@ def winding(points, mesh):
     return 2.0 * np.arctan2(top, bottom).sum(axis=1) / (4.0 * np.pi)
 
 
+@pytest.mark.sweep(2)
 @pytest.mark.parametrize("name", ROBOTS)
 def test_the_capsules_of_the_robot_lie_within_its_drawn_solids(name):
     model = robot_model(name)
