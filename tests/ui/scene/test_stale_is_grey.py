@@ -1,6 +1,7 @@
 """No stale result looks like one that counts: in every step it is gone, or drawn in grey."""
 
 from dataclasses import replace
+from functools import lru_cache
 from types import SimpleNamespace
 from typing import Any
 
@@ -41,9 +42,14 @@ class FakeScene:
         return add if kind.startswith("add_") else lambda *_, **__: None
 
 
-def look(session: Session, view: ViewState) -> Snapshot:
-    made = Snapshot(session, view, step_states(session), LiveState(), static_scene=SCENE)
+@lru_cache(8)
+def look_of(session: Session) -> Snapshot:
+    made = Snapshot(session, ALL, step_states(session), LiveState(), static_scene=SCENE)
     return replace(made, milling=milling_of(session))
+
+
+def look(session: Session, view: ViewState) -> Snapshot:
+    return replace(look_of(session), view=view)
 
 
 def seen(scene: FakeScene) -> dict[str, tuple[Any, ...]]:

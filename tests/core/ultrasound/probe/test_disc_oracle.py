@@ -10,6 +10,7 @@ from tests.oracles.disc_oracle import curved, ideal_probe, leaning
 PROBE_NAMES = ("2.25MHz", "1MHz")
 
 
+@pytest.mark.ci
 def test_the_two_oracles_are_one_on_flat_bone(monkeypatch):
     """All plane waves, and Huygens' points on a wide face: level and time of both echoes."""
     monkeypatch.setattr(disc_oracle, "FACE", 2.0)
@@ -46,6 +47,7 @@ def test_rays_of_leaning_bone_hold_at_five_degrees(name):
     assert abs(found.inner_ns) < 15.0
 
 
+@pytest.mark.ci
 def test_rays_of_curved_bone_are_as_loud_as_huygens_points():
     found = curved("1MHz", 80.0)
     assert abs(found.front_db) < 0.15
