@@ -54,12 +54,14 @@ def timed_exactly():
     return replace(patient, thickness_mm=true, speed_mm_per_us=np.full(len(true), 2.5))
 
 
+@pytest.mark.ci
 def test_a_speed_that_is_wrong_alike_everywhere_leaves_no_local_error(timed_exactly):
     found = thickness.thickness_errors(timed_exactly, uncalibrated())
     assert found.whole_mm.std() > 0.02  # thick places are more off than thin ones
     np.testing.assert_allclose(found.local_mm, 0.0, atol=1e-9)
 
 
+@pytest.mark.ci
 def test_a_place_whose_echo_is_late_is_off_by_itself(timed_exactly):
     late = timed_exactly.thickness_mm.copy()
     row = int(np.flatnonzero(timed_exactly.detection.inner_ok)[5])

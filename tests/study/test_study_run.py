@@ -78,6 +78,7 @@ def done(tmp_path_factory):
     return plan, folder / "out"
 
 
+@pytest.mark.ci
 def test_a_patient_is_the_demo_with_its_levels(done):
     plan, out = done
     row = rows_of(out, plan)[plan.patients()[0].key]
@@ -90,6 +91,7 @@ def test_a_patient_is_the_demo_with_its_levels(done):
     assert list(row) == ["key", "seed", "version", "SetTracker.profile", *of_the_run]
 
 
+@pytest.mark.ci
 def test_the_table_has_a_row_a_patient_and_its_schema_the_units(done):
     plan, out = done
     schema = {one["name"]: one for one in json.loads((out / "schema.json").read_text())}
@@ -105,6 +107,7 @@ def test_the_table_has_a_row_a_patient_and_its_schema_the_units(done):
     assert all(float(x["tool_tip_error_mm"]) == rows[x["key"]]["tool_tip_error_mm"] for x in table)
 
 
+@pytest.mark.ci
 def test_the_session_of_the_worst_alone_is_kept_and_is_that_patient(done):
     plan, out = done
     rows = StudyFolder(out).rows(plan)
@@ -116,6 +119,7 @@ def test_the_session_of_the_worst_alone_is_kept_and_is_that_patient(done):
     assert session.results.tool.value.tip_sigma_mm == worst["tool_tip_sigma_mm"]
 
 
+@pytest.mark.ci
 def test_what_is_done_is_not_done_again_and_a_longer_plan_goes_on(done, tmp_path):
     _, out = done
     before = {path.name: path.read_bytes() for path in (out / "patients").iterdir()}
@@ -139,6 +143,7 @@ def test_what_is_done_is_not_done_again_and_a_longer_plan_goes_on(done, tmp_path
     assert len(after) == 3
 
 
+@pytest.mark.ci
 def test_two_studies_do_not_write_in_one_folder(done):
     plan, out = done
     with StudyFolder(out).held(plan), pytest.raises(NameTakenError, match="another study"):
@@ -176,6 +181,7 @@ def test_a_stage_that_cannot_be_done_has_its_code():
     assert row["reason"]
 
 
+@pytest.mark.ci
 def test_a_worker_of_another_version_ends_the_study(done):
     plan, _ = done
     with pytest.raises(InvalidInputError, match=r"a worker has RONA .* the study is of 9\.9"):
@@ -199,6 +205,7 @@ def test_remaining_time_is_withheld_until_it_is_known_and_covers_the_truth(monke
     assert remaining_words((7200.0, 9000.0)) == "2.0 to 2.5 h left"
 
 
+@pytest.mark.ci
 def test_the_terminal_says_how_far_a_study_is(done, capsys, tmp_path):
     _, out = done
     assert main(["study", "status", str(out)]) == 0
@@ -229,7 +236,6 @@ def test_a_full_disk_is_named_with_the_folder(tmp_path, capsys, monkeypatch):
     assert "the disk is full" in capsys.readouterr().err
 
 
-@pytest.mark.slow
 @pytest.mark.ci
 def test_a_worker_that_dies_costs_its_patient_alone_and_is_tried_again_once(tmp_path):
     always, once = tmp_path / "always", tmp_path / "once"

@@ -127,6 +127,7 @@ def test_files_without_pairs_are_refused(files):
     assert named.calibration.verdict == "good"
 
 
+@pytest.mark.ci
 def test_over_rest(client):
     made_here = client.post("/sessions", json={"name": "hand-eye"}).json()["id"]
     at = f"/sessions/{made_here}"

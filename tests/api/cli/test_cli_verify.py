@@ -105,6 +105,7 @@ def test_the_motions_of_a_session_have_the_certificates_that_they_had(demo, tmp_
             assert report.figures()["digests"]["certificate"] == known.digest
 
 
+@pytest.mark.ci
 def test_files_are_exported_by_kind_and_what_cannot_be_made_is_said(capsys, tmp_path):
     out = tmp_path / "out"
     assert main(["export", str(demo_session()), str(out), "--motion"]) == 0

@@ -67,6 +67,7 @@ def references(value):
             yield from references(item)
 
 
+@pytest.mark.ci
 def test_no_json_about_the_demo_is_large(client, demo):
     seen = 0
     for path in sorted(set(asked(client, demo))):

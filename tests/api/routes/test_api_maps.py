@@ -108,6 +108,7 @@ def compared(web, client, demo, name, data, **options):
     return client.get(f"/jobs/{answer.json()['id']}").json()
 
 
+@pytest.mark.ci
 def test_maps_are_compared_with_the_true_bone_and_with_a_file(web, client, demo, at):
     path = f"/sessions/{demo}/maps/comparison"
     truth = client.get(path).json()

@@ -88,6 +88,7 @@ def test_the_cookie_is_not_the_token_and_opens_this_server_alone(anonymous, cook
     hub.close_all()
 
 
+@pytest.mark.ci
 def test_a_page_stays_signed_in_while_its_server_is_started_again(tmp_path):
     """As long as the token is the same; the value of the cookie ends with the token."""
 

@@ -81,9 +81,7 @@ def all_gone(pids, timeout_s=60.0):
 @pytest.mark.parametrize(
     ("busy", "number"),
     [
-        pytest.param(
-            True, signal.SIGTERM, id="busy-term", marks=[pytest.mark.slow, pytest.mark.ci]
-        ),
+        pytest.param(True, signal.SIGTERM, id="busy-term", marks=pytest.mark.ci),
         pytest.param(True, signal.SIGINT, id="busy-ctrl-c", marks=pytest.mark.slow),
         pytest.param(False, signal.SIGTERM, id="idle-term", marks=pytest.mark.slow),
         pytest.param(False, signal.SIGINT, id="idle-ctrl-c", marks=pytest.mark.slow),

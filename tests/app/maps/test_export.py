@@ -90,6 +90,7 @@ def test_maps_that_do_not_count_are_not_exported(demo):
         bench.close()
 
 
+@pytest.mark.ci
 def test_the_command_line_writes_them(demo, tmp_path, capsys):
     wanted = ["--only", "bone.stl", "--only", "maps.csv"]
     assert main(["export", str(demo_session()), str(tmp_path / "out"), *wanted]) == 0

@@ -105,6 +105,7 @@ def test_nothing_can_be_calibrated_before_there_is_a_scan():
     bench.close()
 
 
+@pytest.mark.ci
 def test_three_places_by_caliper_change_the_map_and_not_the_detection(mapped, calibrated):
     points, speed = calibrated.captures.references, calibrated.results.speed.value
     assert len(points.thickness_mm) == len(speed) == 3

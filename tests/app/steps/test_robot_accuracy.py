@@ -65,6 +65,7 @@ def checked(motion, ratio, seed):
     return check_robot_accuracy(found, tips, seen, links, none)
 
 
+@pytest.mark.ci
 @pytest.mark.sweep(1)
 @pytest.mark.parametrize(
     ("ratio", "least", "most"), [(1.0, 0.0, 0.17), (2.0, 0.6, 1.0), (3.0, 0.9, 1)]

@@ -1,6 +1,7 @@
 """The folder for the scan by hand, and which maps the scene shows."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -26,8 +27,8 @@ from tests.helpers.ui.fake_gui import FakeClient, FakeGui
 CLIENT = FakeClient()
 
 
-@pytest.fixture(scope="module")
-def session():
+@cache
+def scanned_by_hand():
     bench = new_workbench(Session())
     quick = StartHandheldScan(duration_s=8.0, rate_hz=20.0, spacing_mm=7.0)
     for activity in (
@@ -36,8 +37,13 @@ def session():
         StartHandheldMapping(),
     ):
         bench.run(activity)
-    yield bench.session
     bench.close()
+    return bench.session
+
+
+@pytest.fixture(scope="module")
+def session():
+    return scanned_by_hand()
 
 
 def snapshot(session, **parts):

@@ -93,7 +93,9 @@ def is_grey(node: SimpleNamespace) -> bool:
     return colors.size > 0 and bool((np.ptp(colors.reshape(-1, 3).astype(int), axis=1) <= 1).all())
 
 
-@pytest.mark.parametrize("name", sorted(DRAWN))
+@pytest.mark.parametrize(
+    "name", ["maps", *(pytest.param(n, marks=pytest.mark.ci) for n in sorted(DRAWN - {"maps"}))]
+)
 def test_what_is_drawn_of_a_stale_result_is_grey_or_gone(demo: Session, name: str) -> None:
     stale, without, found = made_stale(demo, name), demo.with_result(name, None), 0
     window, empty = Window(), Window()

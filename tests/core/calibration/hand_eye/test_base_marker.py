@@ -126,7 +126,7 @@ def test_the_predicted_cost_is_that_of_a_simulation():
     np.testing.assert_allclose(carried.added_sigma_mm(HEAD), measured, rtol=0.06)
 
 
-@pytest.mark.sweep(2)
+@pytest.mark.sweep(1)
 @pytest.mark.parametrize("place", PLACES)
 @pytest.mark.parametrize("profile", ["polaris", "white035", "vega"])
 def test_the_predicted_cost_is_honest(profile, place):

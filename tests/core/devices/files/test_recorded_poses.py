@@ -50,6 +50,7 @@ def test_a_file_is_read_as_it_is(name):
     assert converted == (name in ("rostopic.csv", "metres.csv"))
 
 
+@pytest.mark.ci
 def test_the_table_of_formats_is_what_reading_gives():
     made = interoperability_page.page()
     assert interoperability_page.PAGE.read_text("utf-8") == made, "run `make interoperability`"

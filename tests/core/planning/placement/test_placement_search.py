@@ -127,6 +127,7 @@ def test_zones_bar_the_places_next_to_them():
     assert found.probability[30, 20] == 0.0
 
 
+@pytest.mark.ci
 def test_screws_have_to_find_bone_too():
     screw, wall = Screw(-8.0, 0.0, 6.0, 1.0), problem_of(wedge(np.abs(V) < 9.0))
     free = search_placements(wall, round_bed(8.0, 2.0), (), LEVEL)

@@ -22,6 +22,7 @@ def detected(survey, loss, **given):
     return detect(asked, **given)
 
 
+@pytest.mark.ci
 @pytest.mark.sweep(1)
 def test_it_follows_the_loss_of_the_bone(survey):
     true = (0.7, 1.0, 1.5)

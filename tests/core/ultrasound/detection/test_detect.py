@@ -244,6 +244,7 @@ def test_with_positions_the_order_of_the_scans_does_not_matter():
         detect(ProbeSurvey(track, PROBE, "chirp", positions_mm=places[1:]))
 
 
+@pytest.mark.ci
 def test_who_doubts_the_echo_doubts_its_cycle():
     """A boundary that is one in twenty another is no surer than a cycle that is one in twenty."""
     found = [detect(ProbeSurvey(track, PROBE, "chirp")) for track, _ in surveys("2.25MHz", "chirp")]
