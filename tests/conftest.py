@@ -23,7 +23,7 @@ settings.register_profile("rona", deadline=None, derandomize=True)
 settings.load_profile("rona")
 
 EXAMPLES = float(os.environ.get("RONA_EXAMPLES", "1"))
-FEWEST = 3  # examples of a property, unless it has fewer
+FEWEST = 5  # examples of a property, unless it has fewer
 SECONDS = "rona/seconds_of_files"
 BROWSERS = "tests/ui/browser/"  # each draws with a processor of its own: one after the other
 # folders whose files share what takes long
