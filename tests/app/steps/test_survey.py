@@ -1,4 +1,4 @@
-"""What detection gets from a scan: the same from both passes of the robot and from one by hand."""
+"""What detection gets from a scan: the same from each pass of the robot and from one by hand."""
 
 import ast
 from dataclasses import fields, replace
@@ -87,7 +87,7 @@ def passes(session):
             "second_detection",
             StartMapping,
             session.captures.second[0].scans,
-            joined_poses(required(PLACES, session), session.captures.second),
+            joined_poses(required(PLACES, session), session.captures.second[:1]),
         ),
         "hand": (
             "sono_detection",
