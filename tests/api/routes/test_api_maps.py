@@ -133,7 +133,7 @@ def test_maps_are_compared_with_a_ct_at_its_threshold(web, client, demo):
     assert (refused["state"], refused["error_code"]) == ("failed", "invalid_input")
     assert "give the threshold" in refused["error"]
     found = compared(web, client, demo, "head.nii", ct, threshold=750)["result"]
-    assert found["figures"][0]["p95_mm"] < 0.06
+    assert found["figures"][0]["p95_mm"] < 0.1  # a fifth of a voxel
 
 
 @pytest.mark.sweep(2)
