@@ -25,7 +25,10 @@ def test_errors_of_patients_of_another_world_lie_in_their_bands(samples):
     for (name, part), group in grouped(samples).items():
         errors = np.concatenate([one.errors for one in group])
         sigmas = np.concatenate([one.sigmas for one in group])
-        assert np.mean(np.abs(errors) <= 1.96 * sigmas) > 0.85, (name, part)
+        if len(errors) < 20:  # too few for a share
+            assert (np.abs(errors) <= 3.0 * sigmas).all(), (name, part)
+        else:
+            assert np.mean(np.abs(errors) <= 1.96 * sigmas) > 0.85, (name, part)
         assert np.mean((errors / sigmas) ** 2) > 0.05, (name, part)  # and are no wider than needed
         if part == "local":
             assert all(abs(one.errors.mean()) < 1e-9 for one in group)

@@ -116,7 +116,7 @@ def draw_milling_path(session: Session, figure: "Figure") -> None:
     right.autoscale_view()
     right.set_title("(b) milling path from above")
     plane(right, "x of bed (mm)", "y of bed (mm)")
-    axes = space(lower, np.concatenate(lines), "bed", -30.0, zoom=1.12)
+    axes = space(lower, np.concatenate(lines), "bed", -30.0, zoom=1.09)
     drawn = _coloured(lines, 3)
     axes.add_collection(drawn)
     count = len(np.unique(view.path.layers))

@@ -63,7 +63,7 @@ def test_a_place_found_for_other_rolls_is_stale(bench):
     assert "rolls" not in bench.session.results.placement.arguments
     assert {row.result: row.same for row in replay(_only(bench.session))}["placement"]
     bench.run(StartRollSearch(**NARROW, mode="constant"))
-    assert "roll search has changed" in stale_reason("placement", bench.session)
+    assert "roll search (step 7) was changed" in stale_reason("placement", bench.session)
     with pytest.raises(StaleResultError, match="look for a place"):
         bench.dispatch(ApplyBasePlacement())
     bench.run(StartRollSearch())

@@ -12,7 +12,6 @@ from rona_core.app.runtime.handling import derive_all, handle
 from rona_core.app.runtime.session_step import Undo
 from rona_core.app.runtime.store import Store
 from rona_core.app.steps.acoustics.derivation import KNOWN_SPEED, with_known_speed
-from rona_core.app.steps.acoustics.view import loss_words
 from rona_core.app.steps.boundaries.ascan_view import (
     ascan_plot,
     scan_number_at,
@@ -30,8 +29,6 @@ from rona_core.robot.kinematics.catalog import robot_model
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
 from rona_core.ultrasound.acoustic_calibration.speed_calibration import speed_at
-from rona_core.ultrasound.detection.detect import doubted, has_inner_echoes
-from tests.helpers.derived import derived
 from tests.helpers.session_file import reopened
 
 TESTS = Path(__file__).resolve().parents[2]
@@ -198,21 +195,7 @@ def test_the_second_pass_says_what_it_brought(demo):
     n = len(demo.results.detection.value)
     used = maps.inner_points_base[n:][maps.inner_used[n:]]
     gaps = [np.linalg.norm(used - cell, axis=1).min() for cell in cells.points_base]
-    assert max(gaps) < 4.0  # a sample of the second pass lies beside each of them
+    assert max(gaps) < 5.0  # a sample of a tilted pass lies beside each of them
     alone = derive_all(demo.with_capture("second", ()), StartMapping())["maps"]
     lost = maps.inner.ok.sum() - alone.inner.ok.sum()
     assert len(cells.points_base) == pytest.approx(int(lost), abs=0.03 * maps.outer.ok.sum())
-
-
-@pytest.mark.slow
-def test_where_the_first_pass_hears_nothing_the_second_is_not_believed(demo):
-    """A few echoes of a probe that leans are steps within bone that lets no inner one through."""
-    first = demo.results.detection
-    mute = doubted(first.value, np.arange(len(first.value)) > 5)
-    assert has_inner_echoes(first.value)
-    assert not has_inner_echoes(mute)
-    session = demo.with_result("detection", replace(first, value=mute))
-    found = derived("second_detection", session, StartMapping())
-    assert not found.inner_ok.any()
-    assert (found.inner_quality <= 0.5)[demo.results.second_detection.value.inner_ok].all()
-    assert "not learned, too few sure inner echoes" in loss_words(mute)

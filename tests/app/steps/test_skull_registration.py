@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from rona_core.app.declarations.figures import FIGURES
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.overview.predicted_accuracy import predict_skull_mm
 from rona_core.app.runtime.session_step import Undo, replay
@@ -105,7 +106,7 @@ def test_another_cloud_makes_it_stale(bench, registered):
         bench.session,
         results=replace(bench.session.results, registration=registered.results.registration),
     )
-    assert "surface has changed" in stale_reason("registration", later)
+    assert "surface was computed anew" in stale_reason("registration", later)
     bench.dispatch(Undo())
 
 
@@ -140,7 +141,7 @@ def test_the_browser_draws_it_where_it_is_and_says_how_well_it_is_known(bench, r
     assert np.quantile(away_mm, 0.95) < 1.0, "nearly all on the outer table, the rest on the inner"
     html = words_of(registered)
     assert "▲ weak" in html
-    assert f"Expected error at the points: {predict_skull_mm(registered):.2f} mm" in html
+    assert FIGURES["skull_registration_sigma_mm"].words(predict_skull_mm(registered)) in html
     assert "Stale" not in html
     assert words_of(Session()) == ""
 
