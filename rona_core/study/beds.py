@@ -41,7 +41,7 @@ def beds_file(folder: StudyFolder) -> bytes | None:
 def studied_beds(plan: Plan, rows: Sequence[Row]) -> StudiedBeds:
     """Return the beds of the rows, at least one, of a study whose patients have one set-up.
 
-    Patients for whom an offered stage was left out have other conditions: they count as failed.
+    Patients for whom an offered stage was left out have other conditions: they count as `failed`.
     """
     patient = plan.patients()[0]
     search = next(stage.message for stage in patient.stages if stage.name == SEARCH)

@@ -49,7 +49,7 @@ class StudiedBeds:
     last_seed: int
     conditions: Conditions
     limit_mm: float
-    failed: int  # patients who did not come to the search of a bed
+    failed: int  # patients without a search of a bed, or with a stage before it left out
     no_bed: int  # patients for whom no bed is safe
     beds: tuple[tuple[float, float], ...]  # accepted: predicted probability, true bone left in mm
 

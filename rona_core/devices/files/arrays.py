@@ -182,7 +182,9 @@ MOST_LETTERS = 1000  # of a text
 
 
 def read_hdf5_tree(file: NamedFile) -> Found:
-    """Return all arrays of numbers, and all attributes that are numbers or texts.
+    """Return all arrays of numbers by their path, and numbers and texts of attributes, `path@name`.
+
+    It reads in a process of its own, follows no links, and is bounded.
 
     Raises:
         InvalidInputError: no HDF5, damaged, or with more than is taken.

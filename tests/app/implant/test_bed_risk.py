@@ -125,8 +125,8 @@ def test_every_setting_of_the_set_up_is_compared_but_the_seed(demo):
 def test_the_kept_study_speaks_of_the_demo_and_of_no_other_world(demo):
     found = bed_risk(demo)
     assert found.differences == ()
-    assert 0 < found.beds <= found.patients
-    assert found.bound < 0.5
+    assert 50 <= found.beds <= found.patients
+    assert found.bound < 0.1
     hard = replace(demo, setup=replace(demo.setup, world=replace(demo.setup.world, profile="hard")))
     bed = demo.results.get("bed").value
     other = risk_among(kept_beds(), bed, conditions_of(hard))
