@@ -143,8 +143,8 @@ interoperability: $(VENV)/.product
 check: $(VENV)/.dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/pyright --pythonpath $(BIN)/python
-	$(BIN)/python -m pytest -q tests/test_architecture.py tests/test_prose.py
+	$(BIN)/pyrefly check --python-interpreter-path $(BIN)/python
+	$(BIN)/python -m pytest -q tests/test_architecture.py tests/test_prose.py tests/test_types.py
 
 bench: .venv-bench/.bench
 	$(ONE_THREAD) .venv-bench/bin/python -m benchmarks $(SUITE) $(if $(JSON),--json) $(if $(FULL),--full)

@@ -31,7 +31,7 @@ def surface_rms_mm(kind: PointerKind, seed: int, surface: StartSurfaceCapture) -
 
 def main(
     seeds: tuple[int, ...] = SEEDS, surface: StartSurfaceCapture | None = None
-) -> dict[str, list[float]]:
+) -> dict[PointerKind, list[float]]:
     kinds: tuple[PointerKind, ...] = ("pointer6d", "pointer5d")
     stroke = surface or StartSurfaceCapture()
     found = {kind: [surface_rms_mm(kind, seed, stroke) for seed in seeds] for kind in kinds}

@@ -1,8 +1,5 @@
 """Solvers of others for the inverse kinematics: all answers by EAIK, one by iteration."""
 
-# pyright: reportAttributeAccessIssue=false, reportMissingImports=false
-# (pinocchio comes without stubs, EAIK with the extra "bench" only)
-
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any

@@ -14,6 +14,7 @@ from rona_core.evaluation.truth import Figures, Truth
 from rona_core.geometry.arrays import Floats
 from rona_core.planning.implants.implant import Implant
 from rona_core.planning.rehearsal.site import BurrWay
+from rona_core.robot.trajectory.trajectory import Trajectory
 from rona_core.session.memo import Memo
 from rona_core.virtual.milling.left_bone import CELL_MM, LeftBone
 from rona_core.virtual.milling.milling_site import VirtualMillingSite
@@ -116,11 +117,11 @@ def rehearsal_figures(session: "Session", truth: Truth) -> Figures:
 
 
 def _figures(session: "Session", found: Rehearsal, scene: VirtualScene) -> Figures:
-    raised = found.raised_plan and found.raised_plan.certified_motion
+    raised = _raised_motion(found)
     figures: Figures = {
         "rehearsal_residual_mm": found.residual_mm,
         "rehearsal_raised_mm": found.raised_mm,
-        "rehearsal_raised_s": raised and raised.duration_s,
+        "rehearsal_raised_s": None if raised is None else raised.duration_s,
     }
     site = milled_again(session, found, scene)
     if site is None:
@@ -161,9 +162,13 @@ def milled_again(
     return site
 
 
+def _raised_motion(found: Rehearsal) -> Trajectory | None:
+    return None if found.raised_plan is None else found.raised_plan.certified_motion
+
+
 def _raised(view: MillingView, found: Rehearsal, planned: BurrWay) -> BurrWay:
     """Return the way along the raised layers, without a place where they were not milled."""
-    motion, ceiling = found.raised_plan and found.raised_plan.certified_motion, found.ceiling_mm
+    motion, ceiling = _raised_motion(found), found.ceiling_mm
     left = None if ceiling is None else raised_view(view, found.pause, ceiling)
     if left is None or motion is None:
         return planned.part(np.zeros(len(planned), dtype=np.bool_))

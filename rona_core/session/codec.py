@@ -85,7 +85,7 @@ def encode(value: Any, name: str, arrays: Arrays) -> Any:
         return _encode_array(value, name, arrays)
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {TYPE_KEY: type(value).__name__, **_encode_fields(value, name, arrays)}
-    if isinstance(value, tuple | list):
+    if isinstance(value, (tuple, list)):
         return [encode(item, f"{name}/{i}", arrays) for i, item in enumerate(value)]
     if isinstance(value, Mapping):
         return {str(key): encode(item, f"{name}/{key}", arrays) for key, item in value.items()}

@@ -283,7 +283,7 @@ def parsed(text: bytes, what: str) -> Any:
 def _inside(value: Any) -> list[Any]:
     """Return the lists and objects right inside of a plain value."""
     inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
-    return [item for item in inner if isinstance(item, dict | list)]
+    return [item for item in inner if isinstance(item, (dict, list))]
 
 
 def _manifest(text: bytes, name: str) -> dict[str, Any]:

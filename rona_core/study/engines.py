@@ -146,13 +146,13 @@ def _unseen(share: float) -> None:
 @contextmanager
 def _dask(scheduler: str | None, workers: int) -> Generator[Engine]:
     import dask.config
-    from distributed import Client, LocalCluster  # pyright: ignore[reportMissingImports]
+    from distributed import Client, LocalCluster
 
     if scheduler is not None:
         try:
             client: Any = Client(scheduler, timeout=CONNECT_S)
             client.wait_for_workers(1, timeout=CONNECT_S)
-        except (OSError, ValueError, TimeoutError) as error:
+        except (OSError, ValueError) as error:
             words = f"no scheduler of Dask with a worker answers at {scheduler}"
             raise DeviceError(f"{words}: start them first ({error})") from error
         with client:
@@ -181,7 +181,7 @@ class _Dask:
     def each(
         self, function: Callable[..., T], patients: Iterable[Patient]
     ) -> Iterator[tuple[Patient, T | WorkerDiedError]]:
-        from distributed import KilledWorker, as_completed  # pyright: ignore[reportMissingImports]
+        from distributed import KilledWorker, as_completed
 
         todo, running = iter(patients), dict[Any, Patient]()
         ended = as_completed(raise_errors=False)

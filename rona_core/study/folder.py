@@ -132,7 +132,7 @@ def columns_of(plan: Plan, rows: Sequence[Row]) -> dict[str, tuple[str, str]]:
 
 
 def _cell(value: Any) -> Any:
-    return json.dumps(value) if isinstance(value, list | dict) else value
+    return json.dumps(value) if isinstance(value, (list, dict)) else value
 
 
 def _csv(columns: Mapping[str, Any], rows: Sequence[Row]) -> bytes:
@@ -145,8 +145,8 @@ def _csv(columns: Mapping[str, Any], rows: Sequence[Row]) -> bytes:
 
 def _parquet(columns: Mapping[str, tuple[str, str]], rows: Sequence[Row]) -> bytes:
     """Return the table as Parquet, unit and meaning in the metadata of each field."""
-    import pyarrow  # pyright: ignore[reportMissingImports]
-    from pyarrow import parquet  # pyright: ignore[reportMissingImports]
+    import pyarrow
+    from pyarrow import parquet
 
     arrays: list[Any] = []
     for name in columns:

@@ -82,7 +82,8 @@ def _figures(rows: Sequence[Row]) -> list[str]:
 
 
 def _figure(line: FigureLine) -> tuple[object, ...]:
-    figure, beyond = line.figure, line.beyond and line.beyond.estimate
+    figure = line.figure
+    beyond = None if line.beyond is None else line.beyond.estimate
     return (
         f"{figure.title} (`{figure.key}`)",
         len(line.sample),

@@ -191,7 +191,7 @@ def figure_lines(rows: Sequence[Row]) -> dict[str, list[FigureLine]]:
 
 
 def _figure_row(line: FigureLine) -> tuple[object, ...]:
-    beyond = line.beyond and line.beyond.estimate
+    beyond = None if line.beyond is None else line.beyond.estimate
     return (
         line.figure.title,
         len(line.sample),

@@ -34,6 +34,7 @@ from rona_ui.presentation.camera import (
     camera_pose,
 )
 from rona_ui.presentation.mouse_input import STROKES, held_move, nudged, with_pick, without_mode
+from rona_ui.presentation.part_by_part import PartByPart
 from rona_ui.presentation.snapshot import Snapshot, opening_view, shown_preset
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.path.path import point_at
@@ -146,8 +147,9 @@ class Browser:
             self._set_camera,
         )
         with client.atomic():
-            self._docks = Docks(Fields(client.gui, bindings.refuse), context)
-            self._scene = SceneRenderer(client.scene)
+            parts = PartByPart()
+            self._docks = Docks(Fields(client.gui, bindings.refuse), context, parts)
+            self._scene = SceneRenderer(client.scene, parts)
         client.camera.up_direction = UP
         client.camera.near, client.camera.far = NEAR_M, FAR_M
         client.camera.fov = FOV_RAD
@@ -196,8 +198,8 @@ class Browser:
             new = replace(new, view=self._open(old, new))
         self._listen(new)
         with self.client.atomic():
-            self._docks.render(old, new)
             self._draw_scene(new)
+            self._docks.render(old, new)
         self._drawn = new
         self._listen_to_pivot_handles()
         if new.static_scene is not None:

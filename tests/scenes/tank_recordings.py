@@ -6,7 +6,7 @@ Times are us, frequencies MHz, lengths mm.
 """
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,9 +95,9 @@ def record(case: Case) -> Recording:
     return Recording(_written(case, rf, positions), thickness, contact)
 
 
-def varied(case: Case, **changes: object) -> Case:
+def varied(case: Case, **changes: Any) -> Case:
     """Return a case with some things otherwise."""
-    return replace(case, **changes)  # pyright: ignore[reportArgumentType]
+    return replace(case, **changes)
 
 
 def _plate(case: Case, rng: np.random.Generator) -> tuple[Floats, Floats]:

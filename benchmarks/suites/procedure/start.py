@@ -152,7 +152,7 @@ def arrays_of(session: Any) -> list[NDArray[Any]]:
         known[id(value)] = value
         if isinstance(value, np.ndarray):
             yield value
-        parts = value if isinstance(value, tuple | list) else ()
+        parts = value if isinstance(value, (tuple, list)) else ()
         if isinstance(value, dict):
             parts = value.values()
         elif dataclasses.is_dataclass(value):

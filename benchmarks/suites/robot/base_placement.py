@@ -37,6 +37,7 @@ def run(progress: Progress) -> list[Metric]:
         found = place_base(scene_path(scene), model, HOME)
         spent_s = process_time() - start
         label = f"{scene}-90"
+        margin = None if found.best is None else found.best.margin
         seeming = np.count_nonzero((found.margins >= 0.0) & ~found.blocked)
         works = float(sum(_verifies(scene, place, model) for place in (found.best, found.smallest)))
         metrics += [
@@ -44,7 +45,7 @@ def run(progress: Progress) -> list[Metric]:
                 f"{label}: suggestions that verify when planned again", works, "of 2", "higher", 2
             ),
             Metric(f"{label}: places that seem to work", float(seeming), "", "higher"),
-            Metric(f"{label}: largest margin", found.best and found.best.margin, "", "higher"),
+            Metric(f"{label}: largest margin", margin, "", "higher"),
             Metric(f"{label}: whole search, CPU", 1e3 * spent_s, "ms", "lower"),
         ]
         smallest_mm = found.smallest.moved_mm if found.smallest else None

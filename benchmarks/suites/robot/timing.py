@@ -90,8 +90,8 @@ def _toppra(path: Path5D, qs_rad: Floats, model: RobotModel, speed_mm_per_s: flo
     """
     name = f"S0-306 at {speed_mm_per_s:g} mm/s: scan duration by toppra, bends and jerk free"
     try:
-        import toppra  # pyright: ignore[reportMissingImports]
-        from toppra import algorithm, constraint  # pyright: ignore[reportMissingImports]
+        import toppra
+        from toppra import algorithm, constraint
     except ImportError:
         return Metric(name, None, "s", "lower")
     rounded = blend_corners(path.arc_length_mm(), qs_rad, model, ScanSettings().corner_deviation_mm)

@@ -188,7 +188,7 @@ _SIMPLE: dict[Any, tuple[str, str, Callable[[object], bool]]] = {
 
 def _of_length(value: object, words: Mapping[str, Any], path: Place) -> Iterator[Misfit]:
     """Yield lists that are longer or shorter than their field may be."""
-    if not isinstance(value, list | tuple):
+    if not isinstance(value, (list, tuple)):
         return
     items = cast("list[object]", value)
     least, most = words.get("minItems", 0), words.get("maxItems", len(items))
@@ -200,7 +200,7 @@ def _of_length(value: object, words: Mapping[str, Any], path: Place) -> Iterator
 
 
 def _of_tuple(value: object, arguments: tuple[Any, ...], path: Place) -> Iterator[Misfit]:
-    if not isinstance(value, list | tuple):
+    if not isinstance(value, (list, tuple)):
         yield Misfit(path, "tuple_type", "a list")
         return
     items = cast("list[object]", value)

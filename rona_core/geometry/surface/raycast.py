@@ -39,7 +39,8 @@ class MeshRaycaster:
         )
         self._normals = normals
         solid = trimesh.Trimesh(vertices, faces, process=False, validate=False)
-        self._caster: Any = ray_pyembree.RayMeshIntersector(solid)
+        caster: Any = ray_pyembree.RayMeshIntersector
+        self._caster = caster(solid)
 
     def first_hit(
         self, origins: ArrayLike, directions: ArrayLike, least_cosine: float = 0.0

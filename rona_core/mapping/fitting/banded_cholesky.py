@@ -4,9 +4,6 @@ A field on a grid whose cells depend on near ones alone has such a precision. Co
 number of rows and the square of the width of the band.
 """
 
-# pyright: reportAttributeAccessIssue=false
-# (the routines of BLAS and LAPACK come from compiled modules without stubs)
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -97,7 +94,7 @@ class BandedCholesky:
         for k in reversed(range(count)):
             columns = column + size * k
             on = self.bands[np.maximum(row - column, 0), columns] * (row >= column)
-            root = solve_triangular(on, unit, lower=True, check_finite=False)
+            root = np.asarray(solve_triangular(on, unit, lower=True, check_finite=False))
             here = root.T @ root
             if k + 1 < count:
                 below = self.bands[size + np.minimum(row - column, 0), columns] * (row <= column)

@@ -4,9 +4,6 @@ Each body moves with a joint of Pinocchio's model of the arm. Lengths are metres
 millimetres outside.
 """
 
-# pyright: reportAttributeAccessIssue=false
-# (the members of pinocchio and coal come from compiled modules without stubs)
-
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import compress

@@ -81,7 +81,7 @@ def arrays_of(figures: Sequence[Figure]) -> dict[str, Floats]:
 
 
 def _numbers(figure: Figure, value: object) -> tuple[float, ...]:
-    row = value if isinstance(value, Sequence | np.ndarray) else [value]
+    row = value if isinstance(value, (Sequence, np.ndarray)) else [value]
     if isinstance(row, str) or any(isinstance(number, bool | str) for number in row):
         raise InvalidInputError(f"{figure.key} must be given as {_shape(figure)}, not {value!r}")
     numbers = as_floats(row, name=figure.key)  # type: ignore[arg-type]

@@ -4,9 +4,6 @@ Where the maker's description is at hand, it is that of the file as it stands, s
 directions of turning are checked too. Pinocchio works in metres.
 """
 
-# pyright: reportAttributeAccessIssue=false
-# (the members of pinocchio come from a compiled module without stubs)
-
 from pathlib import Path
 from typing import Any
 

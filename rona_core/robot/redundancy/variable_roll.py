@@ -173,9 +173,8 @@ def _newton_step(
     diagonal[at_bound] = 1.0
     gradient[at_bound] = 0.0
     beside[at_bound[1:] | at_bound[:-1]] = 0.0
-    return solveh_banded(
-        np.vstack((np.concatenate(([0.0], beside)), diagonal)), -gradient, check_finite=False
-    )
+    bands = np.vstack((np.concatenate(([0.0], beside)), diagonal))
+    return np.asarray(solveh_banded(bands, -gradient, check_finite=False))
 
 
 WIDEST_RAD = np.deg2rad(5.0) + 1e-9  # between rolls through which a varying one is searched

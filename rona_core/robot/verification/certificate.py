@@ -6,10 +6,6 @@ and the pairs of bodies that are looked at for collisions. The name of a robot a
 description do not count: what that file says does.
 """
 
-
-# pyright: reportAttributeAccessIssue=false
-# (the members of pinocchio come from a compiled module without stubs)
-
 import hashlib
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, is_dataclass

@@ -13,7 +13,7 @@ table count.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from scipy.special import erf
@@ -140,7 +140,7 @@ class Detection:
     def joined(cls, parts: Sequence["Detection"]) -> "Detection":
         """Return the A-scans of several detections by the same probe, one after the other."""
         columns = [f.name for f in fields(cls) if isinstance(getattr(parts[0], f.name), np.ndarray)]
-        together = {
+        together: dict[str, Any] = {
             name: readonly(np.concatenate([getattr(part, name) for part in parts]))
             for name in columns
         }

@@ -116,4 +116,5 @@ def corrected(
             held["flag"][i] = REMOVED
             held["inner_ok"][i] = False
         held["thickness_mm"][i] = half_speed * (held["inner_us"][i] - held["outer_us"][i])
-    return replace(detection, **{name: readonly(value) for name, value in held.items()})
+    shown: dict[str, Any] = {name: readonly(value) for name, value in held.items()}
+    return replace(detection, **shown)

@@ -1,6 +1,7 @@
 """Detections at the A-scans alone at which a tracker saw the probe, and over all of them."""
 
 from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -19,19 +20,21 @@ def spread(detection: Detection, known: Bools) -> Detection | None:
     """
     if len(detection) != np.count_nonzero(known):
         return None
-    wide = {}
+    wide: dict[str, Any] = {}
     for part in fields(detection):
         values = getattr(detection, part.name)
         if isinstance(values, np.ndarray):
             held = np.zeros((len(known), *values.shape[1:]), dtype=values.dtype)
             held[known] = values
-            wide[part.name] = held
-    wide["flag"][~known] = NOT_SEEN
-    return replace(detection, **{name: readonly(values) for name, values in wide.items()})
+            held[~known] = NOT_SEEN if part.name == "flag" else 0
+            wide[part.name] = readonly(held)
+    return replace(detection, **wide)
 
 
 def gathered(detection: Detection, known: Bools) -> Detection:
     """Return the part of a detection over all A-scans (n,) at which the probe was seen."""
-    parts = {part.name: getattr(detection, part.name) for part in fields(detection)}
-    kept = {n: readonly(v[known]) for n, v in parts.items() if isinstance(v, np.ndarray)}
+    parts: dict[str, Any] = {part.name: getattr(detection, part.name) for part in fields(detection)}
+    kept: dict[str, Any] = {
+        n: readonly(v[known]) for n, v in parts.items() if isinstance(v, np.ndarray)
+    }
     return replace(detection, **kept)

@@ -5,6 +5,7 @@ probe adds what it does not know (``virtual.acoustics.delay_line``), and noise.
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -122,7 +123,7 @@ def probe_model(probe: str | ProbeSettings) -> ProbeModel:
     if isinstance(probe, str):
         return PROBES[name]
     aperture_radius_mm = None if probe.aperture_mm is None else probe.aperture_mm / 2.0
-    chosen = {
+    chosen: dict[str, Any] = {
         "centre_mhz": probe.centre_mhz,
         "bandwidth": probe.bandwidth,
         "aperture_radius_mm": aperture_radius_mm,

@@ -61,7 +61,7 @@ def align_fronts(
     shift_us = (front_sample - zero) / rate
     middle = np.median(front_sample[front.ok]) if front.ok.any() else 0.0
     kept = size - int(np.floor(middle)) + zero
-    lines = np.zeros((len(z), min(kept, size)), dtype=np.complex128)
+    lines: Complexes = np.zeros((len(z), min(kept, size)), dtype=np.complex128)
     peak = float(np.abs(np.fft.ifft(front.aligned.spectrum)).max())
     for start in range(0, len(z), 64):
         part = slice(start, start + 64)

@@ -100,7 +100,7 @@ class ContactSpring:
         self.stiffness_n_per_mm = stiffness_n_per_mm
         self._damping_s = damping_s
         self._keep = float(np.exp(-2.0 * np.pi * cutoff_hz * INNER_S))
-        self._weights = np.zeros(0)  # of the newest looks in what the filter shows
+        self._weights: Floats = np.zeros(0)  # of the newest looks in what the filter shows
         self._last_mm = -np.inf
         self.force_n = 0.0  # of the spring
         self.shown_n = 0.0  # behind the filter
@@ -120,7 +120,8 @@ class ContactSpring:
         force = np.where(pressed_mm > 0.0, np.maximum(force, 0.0, out=force), 0.0)
         n = len(force)
         if n != len(self._weights):  # every step of a control loop has as many looks
-            self._weights = (1.0 - self._keep) * self._keep ** np.arange(n - 1, -1, -1)
+            powers = np.power(self._keep, np.arange(n - 1, -1, -1), dtype=np.float64)
+            self._weights = (1.0 - self._keep) * powers
         self.shown_n = float(self._keep**n * self.shown_n + self._weights @ force)
         self._last_mm, self.force_n = float(pressed_mm[-1]), float(force[-1])
         return self.shown_n

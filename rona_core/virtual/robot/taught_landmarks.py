@@ -81,4 +81,4 @@ def _reached(model: RobotModel, tip: Pose, before: Floats) -> Floats | None:
     found = model.inverse(Poses.stack([tip @ model.T_flange_tip.inv()]))
     qs = [q for q, valid in zip(found.qs_rad[0], found.valid[0], strict=True) if valid]
     inside = [q for q in qs if ((q > model.lower_rad) & (q < model.upper_rad)).all()]
-    return min(inside, key=lambda q: float(np.linalg.norm(q - before)), default=None)
+    return min(inside, key=lambda q: float(np.linalg.norm(q - before))) if inside else None

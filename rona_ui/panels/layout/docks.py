@@ -5,7 +5,7 @@ from typing import Any
 
 from rona_ui.panels.implant.implant import ImplantPanel
 from rona_ui.panels.layout.bars import ReplayPanel, RunBar, StepList, StepTitle
-from rona_ui.panels.layout.frames_and_log import FramesPanel, LogPanel, Refused
+from rona_ui.panels.layout.frames_and_log import FramesPanel, LogPanel, Refused, Undrawn
 from rona_ui.panels.layout.page_link import PageLink
 from rona_ui.panels.layout.quality import QualityPanel
 from rona_ui.panels.maps.maps import MapsPanel
@@ -25,6 +25,7 @@ from rona_ui.panels.tool.calibration import CalibrationPanel
 from rona_ui.panels.tool.tool import ToolPanel
 from rona_ui.panels.widgets.form import Panel, PanelContext
 from rona_ui.panels.widgets.step_panel import StepPanel
+from rona_ui.presentation.part_by_part import PartByPart
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.resources import static_dir
 
@@ -98,8 +99,8 @@ class Docks:
     what a tab shows is built when the tab is, and follows from then on.
     """
 
-    def __init__(self, gui: Any, context: PanelContext) -> None:
-        self._gui, self._context = gui, context
+    def __init__(self, gui: Any, context: PanelContext, parts: PartByPart) -> None:
+        self._gui, self._context, self._parts = gui, context, parts
         gui.set_panel_label("Procedure")
         left = gui.main_panel
         left.dock_left()
@@ -113,6 +114,7 @@ class Docks:
         run_bar = RunBar(
             gui, context, self._steps, STEP_PANELS
         )  # above the fields: it never scrolls away
+        self._undrawn = Undrawn(gui, parts)
         panels += [Refused(gui), run_bar]
         buttons = {**step_list.buttons, **run_bar.buttons}
         panels.append(PageLink(gui, context, buttons, TAB_PANELS))
@@ -157,9 +159,10 @@ class Docks:
                 or name in (view.step, last.view.step)
                 or last.session.id != new.session.id
             ):
-                panel.render(last, new)
+                self._parts.draw(panel, last, new)
                 self._drawn[name] = new
         for name, tab in self._in_tabs.items():
-            tab.render(None if name in fresh else old, new)
+            self._parts.draw(tab, None if name in fresh else old, new)
         for panel in self._panels:
-            panel.render(old, new)
+            self._parts.draw(panel, old, new)
+        self._undrawn.render(old, new)

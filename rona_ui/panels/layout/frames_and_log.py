@@ -12,6 +12,7 @@ from rona_core.devices.limits import heading, limits_of
 from rona_core.session.document import LogEntry
 from rona_ui.labels import label_of, place_of
 from rona_ui.panels.widgets import style
+from rona_ui.presentation.part_by_part import PartByPart
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.refusals import Refusal
 from rona_ui.viewer.bindings import escape
@@ -41,6 +42,31 @@ def refused(snapshot: Snapshot) -> str:
     elsewhere = newest.where and not newest.where.startswith(place_of(snapshot.view.step))
     where = f"{newest.where}: " if elsewhere else ""
     words = f"✖ {where}{newest.title}. {newest.body}"
+    return f'<div role="alert">{style.note(words, "warn")}</div>'
+
+
+class Undrawn:
+    """Says which error keeps a part of the page from being up to date, as long as it does."""
+
+    def __init__(self, gui: Any, parts: PartByPart) -> None:
+        self._html, self._parts = gui.add_html(""), parts
+        self._errors: tuple[str, ...] = ()
+
+    def render(self, old: Snapshot | None, new: Snapshot) -> None:
+        """Follow what could be drawn of this snapshot."""
+        if self._parts.errors != self._errors:
+            self._errors = self._parts.errors
+            self._html.content = undrawn(self._errors)
+
+
+def undrawn(errors: Sequence[str]) -> str:
+    """Return as HTML that a part of the page shows an earlier state, and why; "" for no errors."""
+    if not errors:
+        return ""
+    words = (
+        "✖ A part of this page could not be drawn and shows an earlier state; the session is "
+        f"complete, and all else is up to date. Undo the last change, and report this: {errors[0]}"
+    )
     return f'<div role="alert">{style.note(words, "warn")}</div>'
 
 

@@ -92,7 +92,7 @@ class PageLink:
         try:
             wish = json.loads(event.target.value)
             self._acts[wish["act"]](wish["value"], event)
-        except (ValueError, KeyError, TypeError, RecursionError, InvalidInputError) as error:
+        except (ValueError, KeyError, TypeError, RecursionError) as error:
             self._context.send(partial(_refuse, str(error)), event)
 
     def _set_view(self, **fields: Any) -> None:

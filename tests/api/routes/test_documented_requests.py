@@ -88,6 +88,7 @@ def addresses(request, session, job):
     path = request.path.replace("…", f"/sessions/{session}", 1)
     path = path.replace("since=N", "since=0").replace("NAME", "{name}")
     path = path.replace("/jobs/{id}", f"/jobs/{job}").replace("/jobs/ID", f"/jobs/{job}")
+    path = path.replace("/{kind}/{name}", "/commands/{Name}")
     path = path.replace("/commands/{Name}", "/commands/Undo")
     path = path.replace("/jobs/{Name}", "/jobs/StartReplay")
     path = path.replace("/{first, second or hand}/{number}", "/first/0")
@@ -124,7 +125,7 @@ def test_what_the_pages_change_is_taken(client, web, copy, request_):
         client.post(f"/sessions/{copy}/save", json={"file": "reloaded", "replace": True})
     job = job_of(client, copy) if "jobs" in bare else ""
     (path,) = addresses(request_, copy, job)
-    if bare in ("…/undo", "…/redo", "…/commands/{Name}"):
+    if bare in ("…/undo", "…/redo", "…/commands/{Name}", "…/{kind}/{name}"):
         client.post(f"/sessions/{copy}/commands/RenameSession", json={"name": "renamed"})
     if bare == "…/redo":
         client.post(f"/sessions/{copy}/undo")

@@ -32,6 +32,7 @@ from rona_core.robot.verification.foreign_motion import verify_foreign
 from rona_core.session.captures import is_imported
 from rona_core.session.codec import digest
 from rona_core.session.document import Session
+from tests.helpers.result_differences import CLOSE_BEHIND_A_SEARCH, assert_alike
 from tests.helpers.session_file import reopened
 
 FILE = "captures.h5"
@@ -92,7 +93,7 @@ def test_every_capture_comes_back_as_it_was_and_is_marked(demo, bench):
         came, was = session.captures.get(name), demo.captures.get(name)
         assert without_names(came) == without_names(was)
     for name in ("tool", "pointer", "surface", "path"):
-        assert digest(session.results.get(name).value) == digest(demo.results.get(name).value)
+        assert_alike(session.results.get(name).value, demo.results.get(name).value, name)
         assert stale_reason(f"capture {name}", session) is None
     again = reopened(session)
     assert again.captures.tool.setup_digest == session.captures.tool.setup_digest
@@ -106,17 +107,17 @@ def test_a_scan_that_was_imported_gives_the_same_maps(demo, bench):
     bench.run(StartImport(FILE))
     bench.run(StartMapping())
     original = new_workbench(demo)
-    for one in (bench, original):  # as this program computes it: the demo session is older
+    for one in (bench, original):
         one.dispatch(CalibrateSoundSpeed())
         one.run(StartMapping())
     for name in ("detection", "second_detection", "mounting", "burr"):
         came, was = bench.session.results.get(name), original.session.results.get(name)
-        assert digest(came.value) == digest(was.value), name
+        assert_alike(came.value, was.value, name, CLOSE_BEHIND_A_SEARCH)
     came, was = bench.session.results.maps.value, original.session.results.maps.value
     for name in ("outer", "inner", "fused"):
         maps = getattr(came, name), getattr(was, name)
         np.testing.assert_array_equal(maps[0].ok, maps[1].ok)
-        np.testing.assert_allclose(maps[0].height_mm, maps[1].height_mm, atol=1e-9)
+        np.testing.assert_allclose(maps[0].height_mm, maps[1].height_mm, atol=1e-4)
     judged = original.figures()
     assert judged["outer_rms_mm"] is not None
     assert bench.figures()["outer_rms_mm"] is None

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from tests.app.procedures.result_differences import compare
+from tests.helpers.result_differences import compare
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """Random draws of plates, pulses and immersion recordings, before anything goes wrong."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -24,13 +25,13 @@ MOST_LOSS_DB = 34.0
 
 def _hit(rng: Rng, centre_mhz: float, kind: str | None = None) -> Hit:
     kinds = ("spike", "square", "spike", "burst")
-    chosen = str(rng.choice(kinds)) if kind is None else kind
+    chosen: Any = rng.choice(kinds) if kind is None else kind
     wide = rng.uniform(0.9, 1.6)  # quality: low is a short pulse
     resonances = ((1.0, 1.4 * wide), (rng.uniform(0.75, 1.3), wide))
     if rng.random() < 0.4:
         resonances = (*resonances, (rng.uniform(1.5, 1.9), 0.8))
     return Hit(
-        kind=chosen,  # pyright: ignore[reportArgumentType]
+        kind=chosen,
         centre_mhz=centre_mhz,
         cycles=float(rng.uniform(1.0, 2.5)),
         resonances=resonances,
@@ -40,12 +41,12 @@ def _hit(rng: Rng, centre_mhz: float, kind: str | None = None) -> Hit:
     )
 
 
-def usual(rng: Rng, **fixed: object) -> Bench:
+def usual(rng: Rng, **fixed: Any) -> Bench:
     """Return an immersion recording of a plate, nothing wrong with it."""
-    centre = float(fixed.pop("centre_mhz", rng.choice([1.0, 1.5, 2.25, 2.25, 3.5, 5.0])))  # pyright: ignore[reportArgumentType]
+    centre = float(fixed.pop("centre_mhz", rng.choice([1.0, 1.5, 2.25, 2.25, 3.5, 5.0])))
     names = fixed.pop("of", tuple(MATTERS))
-    matter = MATTERS[str(rng.choice(list(names)))]  # pyright: ignore[reportArgumentType, reportCallIssue]
-    thickness = float(fixed.pop("thickness_mm", rng.uniform(2.0, 30.0)))  # pyright: ignore[reportArgumentType]
+    matter = MATTERS[str(rng.choice(list(names)))]
+    thickness = float(fixed.pop("thickness_mm", rng.uniform(2.0, 30.0)))
     standoff = float(rng.uniform(12.0, 60.0))
     lag = 2.0 * thickness / matter.speed
     bench = Bench(
@@ -69,7 +70,7 @@ def usual(rng: Rng, **fixed: object) -> Bench:
         bits=int(rng.choice([10, 12, 14])),
         full_scale=float(rng.uniform(1.05, 2.5)),
     )
-    return replace(bench, **fixed)  # pyright: ignore[reportArgumentType]
+    return replace(bench, **fixed)
 
 
 def is_readable(bench: Bench) -> bool:

@@ -169,7 +169,7 @@ def test_ten_steps_by_hand_with_the_mouse_alone_then_saved_and_opened_again(
     surgeon.button("Plan motion").click()
     surgeon.wait_state("Roll", "done")
     surgeon.tab("Rolls")
-    frame.get_by_text("s, verified.").filter(visible=True).first.wait_for()
+    frame.get_by_text("°, verified.").filter(visible=True).first.wait_for()
     surgeon.picture("roll")
     surgeon.open_step("Scan")
     hand.unfold(surgeon, "Probe mounting")

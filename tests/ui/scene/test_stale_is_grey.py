@@ -12,6 +12,7 @@ from rona_core.app.dependencies.judge import step_states
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.devices.live import LiveState
 from rona_core.session.document import Session
+from rona_ui.presentation.part_by_part import PartByPart
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.renderer import SceneRenderer
@@ -70,11 +71,13 @@ class Window:
     def __init__(self) -> None:
         self.scene = FakeScene()
         self._old: Snapshot | None = None
-        self._renderer = SceneRenderer(self.scene)
+        self._parts = PartByPart()
+        self._renderer = SceneRenderer(self.scene, self._parts)
 
     def draw(self, session: Session, view: ViewState) -> dict[str, tuple[Any, ...]]:
         new = look(session, view)
         self._renderer.render(self._old, new)
+        assert not self._parts.errors
         self._old = new
         return seen(self.scene)
 

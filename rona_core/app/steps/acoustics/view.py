@@ -110,8 +110,10 @@ def reference_gain(session: Session, n: int = LEAST_POINTS) -> ReferenceGain | N
     The points there are stay. None before step 9, where its detection is stale, or where no n
     places are thick and sure enough.
     """
+    if fresh("detection", session) is None:
+        return None  # its A-scans may be others than those of the capture
     shares, depths = thickness_shares(session), ECHO_DEPTHS.read(session)
-    if shares is None or depths is None or fresh("detection", session) is None:
+    if shares is None or depths is None:
         return None
     proposal = _proposal(depths, speed_of_maps(session), n)
     if proposal is None:

@@ -125,7 +125,11 @@ def _times_s(session: Session, scan: ScanName) -> tuple[Floats, float] | None:
     if scan == "hand":
         return track.times_s, float(track.times_s[-1])
     motion = replayed(session, second=scan == "second")
-    return None if motion is None else (motion.fired_s, float(motion.times_s[-1]))
+    if motion is None:
+        return None
+    if len(motion.fired_s) != len(track):  # of passes whose plan is out of date: evenly
+        return np.arange(len(track), dtype=np.float64), float(len(track))
+    return motion.fired_s, float(motion.times_s[-1])
 
 
 def ascan_plot(

@@ -1,5 +1,7 @@
 """What step 10 shows: the milling path of the bed and its motion, the implant, the bone left."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -121,7 +123,7 @@ def moved_bed(session: Session, place_base: ArrayLike) -> PlaceBed:
     )
 
 
-def placed_turns(held: ImplantBed) -> dict[str, float]:
+def placed_turns(held: ImplantBed) -> dict[str, Any]:
     """Return angle, tilts and lift of a bed as `PlaceBed` names them."""
     at = Placement(0.0, 0.0) if held.placed is None else held.placed.placement
     turns = np.rad2deg((at.angle_rad, at.tilt_x_rad, at.tilt_y_rad))

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any
 
 from rona_core.app.declarations import declarations as declare
 from rona_core.app.declarations.declarations import ActivityContext
@@ -32,7 +33,7 @@ def _unpainted(session: Session) -> Session:
     return replace(session, painted=PaintedRegions())
 
 
-def _with_tracker(session: Session, **settings: object) -> Session:
+def _with_tracker(session: Session, **settings: Any) -> Session:
     return session.with_devices(tracker=replace(session.setup.devices.tracker, **settings))
 
 

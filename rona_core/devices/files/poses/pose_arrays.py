@@ -47,7 +47,8 @@ def read_tables(file: NamedFile) -> dict[str, Table]:
         value = read_arrays(file, all_of_them=True)
     found = _tables(value, file.name, NAME, MAX_DEPTH)
     if not found:
-        shapes = ", ".join(f"{k} {np.shape(v)}" for k, v in value.items()) if _is_map(value) else ""
+        named = value if isinstance(value, Mapping) else {}
+        shapes = ", ".join(f"{k} {np.shape(v)}" for k, v in named.items())
         raise InvalidInputError(
             f"{file.name} holds no poses: expected arrays of shape (n, 4, 4), (n, 3, 4), or (n, 7) "
             "(x, y, z and a quaternion), R (n, 3, 3) and t (n, 3), or in JSON objects with "
@@ -111,7 +112,7 @@ def _records(records: list[dict[str, Any]], name: str, key: str) -> dict[str, Ta
 
 
 def _cell(value: Any) -> str:
-    if value is None or isinstance(value, list | dict):
+    if value is None or isinstance(value, (list, dict)):
         return ""
     return value if isinstance(value, str) else str(int(value) if value is True else value)
 

@@ -482,7 +482,8 @@ def chosen(names: Sequence[str], wanted: str | None, what: str, option: str) -> 
 
 def _selected(found: PoseTable, keep: Bools) -> PoseTable:
     """Return the rows (n,) that are kept."""
-    numbers, times = (None if a is None else a[keep] for a in (found.numbers, found.times_s))
+    numbers = None if found.numbers is None else found.numbers[keep]
+    times = None if found.times_s is None else found.times_s[keep]
     single = {tool: matrices[keep] for tool, matrices in found.matrices.items()}
     return replace(found, matrices=single, rows=found.rows[keep], numbers=numbers, times_s=times)
 
@@ -500,5 +501,6 @@ def _by_tool(found: PoseTable, cells: Sequence[str]) -> PoseTable:
         own = np.array([cell == tool for cell in cells])
         single[tool] = np.full((len(first), 4, 4), np.nan)
         single[tool][frame[own]] = matrices[own]
-    numbers, times = (None if a is None else a[first] for a in (found.numbers, found.times_s))
+    numbers = None if found.numbers is None else found.numbers[first]
+    times = None if found.times_s is None else found.times_s[first]
     return replace(found, matrices=single, rows=found.rows[first], numbers=numbers, times_s=times)

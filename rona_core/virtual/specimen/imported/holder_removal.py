@@ -155,7 +155,7 @@ def _grown(region: Bools) -> Bools:
 def _touched(region: Bools, seeds: Bools) -> Bools:
     """Return the pieces of a region that hold a seed."""
     pieces = np.zeros(region.shape, dtype=np.int32)
-    count = int(label(region, output=pieces))  # pyright: ignore[reportArgumentType]
+    count = int(label(region, output=pieces))
     chosen = np.zeros(count + 1, dtype=np.bool_)
     chosen[np.unique(pieces[seeds & region])] = True
     chosen[0] = False
