@@ -228,7 +228,7 @@ BOMBS = {
                 "commands.jsonl": (deflated(b"", GIB), 0),
             }
         ),
-        "not a readable session file",
+        "not a readable session file|is damaged",
     ),
     "session that uses an array again": (
         load_session,
