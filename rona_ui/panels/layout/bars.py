@@ -188,8 +188,8 @@ class RunBar:
     def _go_on(self, event: Any) -> None:
         """Start the next stage: the primary one of a step with its fields, once it is open."""
         stage = self._stage
-        if stage is None:
-            return
+        if stage is None or not self._continue.visible:
+            return  # clicked in an earlier picture, for a stage that is through by now
         if is_primary(stage):
             self._to_start = (self._step, stage.step, event)
         else:

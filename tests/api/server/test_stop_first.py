@@ -206,7 +206,7 @@ def test_stop_is_answered_before_a_large_answer_is_taken(program, path):
         while rest < length:
             rest += len(reading.recv(1 << 20))
     assert answered == [("stop", 200)]
-    assert rest == length > 5_000_000
+    assert rest == length > 3_000_000
 
 
 @pytest.mark.slow

@@ -97,12 +97,17 @@ def test_the_primary_button_leads_to_the_figures_of_the_terminal(
     wait_for(lambda: surgeon.ask("/sessions/current")["setup"]["seed"] == seed, "the seed")
 
     clicked: list[str] = []
+    lost = 0  # clicks in a picture that was about to change
     while (stage := next_stage(surgeon)) and len(clicked) < MOST:
         before = surgeon.ask("/sessions/current")["revision"]
         clicked.append(click_what_leads_on(surgeon))
         if not clicked[-1].startswith("Next"):
             changed = lambda was=before: surgeon.ask("/sessions/current")["revision"] > was  # noqa: E731
-            wait_for(changed, f"{stage} after {clicked}")
+            try:
+                wait_for(changed, f"{stage} after {clicked}", 30.0)
+            except AssertionError:
+                lost += 1
+                assert lost <= 1, clicked
         surgeon.wait_idle()
     assert not stage, clicked
     assert len(clicked) < MOST, clicked

@@ -95,6 +95,16 @@ def test_a_picture_that_was_on_its_way_does_not_keep_it_from_starting(scanned):
     assert [type(message) for message in browser.sent] == [StartMapping]
 
 
+def test_a_click_in_an_earlier_picture_starts_nothing(scanned):
+    browser = Browser(snapshot(scanned, "maps"))
+    browser.gui.find("button", "Continue").happen(FakeClient())  # the primary button does it here
+    assert browser.sent == []
+    browser.context.set_view(step="scan")
+    browser.draw(snapshot(scanned, "maps"))
+    browser.click("Continue: Map the boundaries")
+    assert [type(message) for message in browser.sent] == [StartMapping]
+
+
 def test_next_opens_the_step_alone(scanned):
     browser = Browser(snapshot(scanned, "scan"))
     browser.click("Next: 9 Maps")
