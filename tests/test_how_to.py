@@ -122,7 +122,7 @@ def followed(tmp_path_factory):
     return json.loads(run.stdout.partition("SEEN ")[2]), files
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES)
 def test_what_a_page_adds_is_in_rest_on_the_page_and_in_the_terminal(followed, page):
     seen, files = followed

@@ -82,7 +82,7 @@ def test_causes_are_shown_beside_their_predictions(demo, figures):
     assert true == {one.title: figures[one.key] for one in causes}
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_no_name_is_written_a_second_time():
     """A title of two words and more is not repeated in the program: it comes from the list."""
     titles = {one.title for one in FIGURES.values() if " " in one.title}

@@ -56,7 +56,7 @@ def test_medians_have_the_goal_of_their_world():
     assert found["nominal: inner_same_robot_rms_mm (median of 0)"].holds is None
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_fusion_is_held_against_what_no_session_can_know():
     session = demo_parts.demo()
     found = gap_fusion.fusion_figures(

@@ -57,7 +57,7 @@ def timed_exactly():
     return replace(patient, thickness_mm=true, speed_mm_per_us=np.full(len(true), 2.5))
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_speed_that_is_wrong_alike_everywhere_leaves_no_local_error(timed_exactly):
     found = thickness.thickness_errors(timed_exactly, uncalibrated())
     assert found.whole_mm.std() > 0.02  # thick places are more off than thin ones

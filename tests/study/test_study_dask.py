@@ -113,7 +113,7 @@ def test_no_scheduler_is_named():
             pass
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_study_by_address_survives_kills_of_worker_and_scheduler(servers, unused_port, tmp_path):
     """One worker killed costs nothing; the scheduler killed ends the study, which then goes on."""
     plan = small(8)

@@ -78,7 +78,7 @@ def done(tmp_path_factory):
     return plan, folder / "out"
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_patient_is_the_demo_with_its_levels(done):
     plan, out = done
     row = rows_of(out, plan)[plan.patients()[0].key]
@@ -236,7 +236,7 @@ def test_a_full_disk_is_named_with_the_folder(tmp_path, capsys, monkeypatch):
     assert "the disk is full" in capsys.readouterr().err
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_worker_that_dies_costs_its_patient_alone_and_is_tried_again_once(tmp_path):
     always, once = tmp_path / "always", tmp_path / "once"
     patients = [patient(0), patient(1, always=always), patient(2), patient(3, once=once)]
@@ -274,10 +274,7 @@ def wait_for_row(out, process):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("how", "status"),
-    [pytest.param(signal.SIGKILL, -9, marks=pytest.mark.ci), (signal.SIGINT, 130)],
-)
+@pytest.mark.parametrize(("how", "status"), [(signal.SIGKILL, -9), (signal.SIGINT, 130)])
 def test_a_study_that_is_ended_loses_no_patient_and_does_none_twice(done, tmp_path, how, status):
     file, out = small(tmp_path, PLAN.replace("count = 2", "count = 5")), tmp_path / "out"
     plan = read_plan(file)

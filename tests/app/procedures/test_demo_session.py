@@ -40,8 +40,13 @@ def test_all_steps_of_the_demo_session_are_done(session):
     assert [state.state for state in step_states(session)] == ["done"] * 10
 
 
-@pytest.mark.ci
-@pytest.mark.parametrize("processor", ["Haswell", pytest.param("Nehalem", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "processor",
+    [
+        pytest.param("Haswell", marks=pytest.mark.ci),
+        pytest.param("Nehalem", marks=pytest.mark.slow),
+    ],
+)
 def test_nothing_is_stale_where_another_processor_opens_the_session(processor):
     """BLAS has kernels of its own for each processor, which round the last bits differently."""
     ended = subprocess.run(

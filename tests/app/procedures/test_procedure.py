@@ -105,7 +105,7 @@ def test_saving_and_loading_keeps_every_bit(demo, tmp_path):
     assert digest(back) == digest(session)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_every_result_follows_from_the_captures_without_the_virtual_world(demo, tmp_path):
     path = save_session(demo[0], tmp_path / "demo.rona")
     done = subprocess.run(

@@ -122,7 +122,7 @@ def contradicted():
     bench.close()
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_contradicted_registration_is_not_good_wherever_it_is_shown(contradicted):
     made = contradicted.results.tool.value
     assert made.verdict == "weak"

@@ -103,7 +103,7 @@ def passes(session):
     }
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 @pytest.mark.sweep(3)
 @pytest.mark.parametrize("name", ["first", "second", "hand"])
 @pytest.mark.parametrize("speed", [None, 2.75])
@@ -217,7 +217,7 @@ def test_the_calibrated_speed_holds_in_the_scan_by_hand_too(measured):
         bench.close()
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_another_calibration_of_the_probe_makes_the_detection_by_hand_stale(measured):
     bench = new_workbench(measured)
     try:
@@ -229,7 +229,7 @@ def test_another_calibration_of_the_probe_makes_the_detection_by_hand_stale(meas
         bench.close()
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_what_was_detected_without_the_places_counts_no_more(measured):
     bench = new_workbench(measured)
     try:

@@ -82,7 +82,7 @@ def bench_at(tmp_path, monkeypatch, speed):
     return Workbench(Session(), virtual_services(), tmp_path)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_pointer_turned_by_a_thread_is_calibrated(tmp_path, monkeypatch):
     bench = bench_at(tmp_path, monkeypatch, 8.0)
     ended = threading.Event()

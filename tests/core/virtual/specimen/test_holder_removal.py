@@ -153,7 +153,7 @@ def test_a_centre_off_the_bone_is_refused_with_its_distance(alone, off_mm):
     assert told == pytest.approx(away, abs=1.5 * VOXEL_MM)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_a_centre_of_a_loaded_skull_off_its_bone_is_refused_with_its_distance(alone):
     skull = import_skull(alone, radius_mm=10.0)
     lifted = skull.center_skull + 6.0 * skull.normal_skull
@@ -230,7 +230,7 @@ def touching_balls():
     return trimesh.util.concatenate((ball, wedge)), corners.mean(axis=0)
 
 
-@pytest.mark.ci
+@pytest.mark.slow
 def test_sheets_that_touch_along_an_edge_are_loaded(tmp_path):
     mesh, within = touching_balls()
     mesh.export(tmp_path / "touching.ply")
