@@ -9,6 +9,7 @@ from rona_core.app.declarations.registry import REGISTRY
 from rona_core.session.document import Session
 
 SHARE = 0.03  # of the samples that are kept
+LONG = 12  # samples: what is shorter has a fixed shape, and stays
 
 
 def captures_held(session: Session) -> list[str]:
@@ -31,7 +32,8 @@ def _stopped(capture: Any, number: int) -> Any:
 
 def _cut(value: Any) -> Any:
     if isinstance(value, np.ndarray):
-        return value[: max(2, round(SHARE * len(value)))] if value.ndim else value
+        long = value.ndim > 0 and len(value) > LONG
+        return value[: max(2, round(SHARE * len(value)))] if long else value
     if isinstance(value, tuple):
         return tuple(map(_cut, value))
     if not dataclasses.is_dataclass(value):

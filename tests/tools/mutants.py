@@ -51,6 +51,10 @@ TARGETS = {
             "tests/app/dependencies/test_capture_digests.py",
         ),
     ),
+    "judge": (
+        "rona_core/app/dependencies/{judge,staleness}.py",
+        ("tests/app/dependencies", "tests/app/procedures/test_next_stage.py"),
+    ),
     "pivot": (
         "rona_core/calibration/pivot/*.py",
         (

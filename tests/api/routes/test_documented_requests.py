@@ -10,9 +10,12 @@ from urllib.parse import quote
 import pytest
 
 from rona_core.app.declarations.registry import REGISTRY
+from rona_core.session.files import session_bytes
 from tests.api.cli.test_cli_hand_eye import table
 from tests.core.calibration.hand_eye.test_recorded_hand_eye import made
+from tests.helpers.cut_captures import captures_held, with_cut_capture
 from tests.helpers.documented_requests import documented
+from tests.scenes import demo_parts
 
 STREAMS = ("/stream", "/events")
 RF = "/captures/scan/value/scans/rf"
@@ -115,6 +118,20 @@ def test_what_the_pages_read_is_there(client, anonymous, web, demo, request_):
             if not path.partition("?")[0].endswith(STREAMS):
                 answer.read()
             assert answer.status_code == 200, (request_.page, path)
+
+
+@pytest.mark.parametrize("name", captures_held(demo_parts.demo()))
+def test_every_read_is_answered_beside_a_capture_that_was_stopped(client, name):
+    """What rests on the whole capture may be refused in words; no read is a fault."""
+    file = session_bytes(with_cut_capture(demo_parts.demo(), name))
+    session = client.post("/sessions/upload", content=file).json()["id"]
+    here = [one for one in READING if "…" in one.path and "jobs" not in one.path]
+    for path in (path for one in here for path in addresses(one, session, "")):
+        with client.stream("GET", path) as answer:
+            if not path.partition("?")[0].endswith(STREAMS):
+                answer.read()
+            assert answer.status_code < 500, path
+    client.delete(f"/sessions/{session}")
 
 
 @pytest.mark.parametrize("request_", CHANGING, ids=name_of)

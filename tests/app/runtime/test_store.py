@@ -127,6 +127,18 @@ def test_a_listener_that_fails_does_not_silence_the_others(capsys):
     store.close()
 
 
+def test_a_listener_that_was_removed_is_not_called_again():
+    store, removed, heard = Store(Session()), [], threading.Event()
+    unsubscribe = store.subscribe(lambda old, new: removed.append(new))
+    store.subscribe(lambda old, new: heard.set())
+    unsubscribe()
+    unsubscribe()  # a second call does nothing
+    store.dispatch(RenameSession("patient 1"))
+    assert heard.wait(10)  # they are called in the order in which they came
+    assert removed == []
+    store.close()
+
+
 def test_what_was_done_again_can_be_taken_back():
     store = Store(Session())
     store.dispatch(SetSeed(3))
