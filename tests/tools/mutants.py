@@ -35,7 +35,7 @@ ROOT = Path(__file__).resolve().parents[2]
 TARGETS = {
     "verification": (
         "rona_core/robot/verification/*.py",
-        ("tests/core/robot/verification/test_verifier.py",),
+        ("tests/core/robot/verification",),
     ),
     "store": (
         "rona_core/app/runtime/store.py",
