@@ -26,7 +26,8 @@ def spread(detection: Detection, known: Bools) -> Detection | None:
         if isinstance(values, np.ndarray):
             held = np.zeros((len(known), *values.shape[1:]), dtype=values.dtype)
             held[known] = values
-            held[~known] = NOT_SEEN if part.name == "flag" else 0
+            if part.name == "flag":
+                held[~known] = NOT_SEEN
             wide[part.name] = readonly(held)
     return replace(detection, **wide)
 

@@ -23,9 +23,9 @@ from rona_ui.panels.smoothing import SmoothingPanel
 from rona_ui.panels.surface import SurfacePanel
 from rona_ui.panels.tool.calibration import CalibrationPanel
 from rona_ui.panels.tool.tool import ToolPanel
-from rona_ui.panels.widgets.form import Panel, PanelContext
+from rona_ui.panels.widgets.form import PanelContext
 from rona_ui.panels.widgets.step_panel import StepPanel
-from rona_ui.presentation.part_by_part import PartByPart
+from rona_ui.presentation.part_by_part import Part, PartByPart
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.resources import static_dir
 
@@ -44,7 +44,7 @@ STEP_PANELS: dict[str, type[StepPanel]] = {
         ImplantPanel,
     )
 }
-Build = Callable[[Any, PanelContext], Panel]
+Build = Callable[[Any, PanelContext], Part]
 UPPER_TABS: dict[str, tuple[str, Build]] = {  # of the right dock: icon, and what the tab shows
     "Quality": ("gauge", lambda gui, context: QualityPanel(gui)),
     "Rolls": ("rotate-360", RollsPanel),
@@ -108,7 +108,7 @@ class Docks:
         sheet = (static_dir() / "docks.css").read_text("utf-8")
         gui.add_html(f"<style>{sheet}</style>")
         step_list = StepList(gui, context)
-        panels: list[Panel] = [step_list, StepTitle(gui, context), TabsOfStep(gui)]
+        panels: list[Part] = [step_list, StepTitle(gui, context), TabsOfStep(gui)]
         self._steps: dict[str, StepPanel] = {}
         self._drawn: dict[str, Snapshot] = {}  # what their fields show, of the hidden ones as well
         run_bar = RunBar(
@@ -119,7 +119,7 @@ class Docks:
         buttons = {**step_list.buttons, **run_bar.buttons}
         panels.append(PageLink(gui, context, buttons, TAB_PANELS))
         self._tabs = self._right()
-        self._in_tabs: dict[str, Panel] = {}
+        self._in_tabs: dict[str, Part] = {}
         replay = gui.add_panel(visible=False)
         with replay.add_tab("Replay", "player-play"):
             panels.append(ReplayPanel(gui, context, replay))

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, fields, replace
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 from rona_core.devices.limits import heading, limits_of
 from rona_core.session.document import Session
@@ -50,14 +50,6 @@ class PanelContext:
         self.change_view(
             lambda v: replace(v, hidden=v.hidden - layer if shown else v.hidden | layer)
         )
-
-
-class Panel(Protocol):
-    """Draws its part of the docks from snapshots."""
-
-    def render(self, old: Snapshot | None, new: Snapshot) -> None:
-        """Bring the panel from ``old`` to ``new``; ``old`` is None for the first time."""
-        ...
 
 
 def on_click(handle: Any, call: Callable[[Any], None]) -> None:
