@@ -44,11 +44,9 @@ TARGETS = {
     "session_files": (
         "rona_core/session/{files,members,codec}.py",
         (
-            "tests/core/session/test_session_files.py",
-            "tests/core/session/test_room_of_files.py",
-            "tests/core/session/test_codec.py",
-            "tests/core/session/test_array_packing.py",
+            "tests/core/session",
             "tests/app/dependencies/test_capture_digests.py",
+            "tests/app/runtime/test_autosave.py",
         ),
     ),
     "judge": (

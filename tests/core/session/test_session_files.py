@@ -223,6 +223,24 @@ def test_foreign_members_are_refused_before_anything_is_read(name):
         session_from_bytes(data)
 
 
+@pytest.mark.filterwarnings("ignore:Duplicate name:UserWarning")
+def test_a_name_that_stands_twice_is_refused():
+    out = io.BytesIO(session_bytes(session()))
+    with zipfile.ZipFile(out, "a") as archive:
+        archive.writestr("manifest.json", b"{}")
+    with pytest.raises(SessionFormatError, match="doubled names"):
+        session_from_bytes(out.getvalue())
+
+
+def test_more_members_than_a_session_has_are_refused(monkeypatch):
+    data = session_bytes(session())
+    monkeypatch.setattr(members, "MAX_MEMBERS", len(names_in(data)))
+    assert session_from_bytes(data).name == session().name
+    monkeypatch.setattr(members, "MAX_MEMBERS", len(names_in(data)) - 1)
+    with pytest.raises(SessionFormatError, match="members"):
+        session_from_bytes(data)
+
+
 def test_a_zip_of_something_else_is_refused():
     data = rewritten(session_bytes(session()), dict.clear)
     with pytest.raises(SessionFormatError, match="not a session file"):
