@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import pytest
 
+from rona_core.app.declarations.inputs import is_missing
+from rona_core.app.declarations.registry import REGISTRY
 from rona_core.app.dependencies.judge import step_states
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.app.runtime.handling import handle
@@ -90,3 +92,21 @@ def test_a_file_that_was_stale_stays_so(demo):
     )
     loaded = reopened(replace(demo, results=results))
     assert "the robot (step 1) was changed" in stale_reason("tool", loaded)
+
+
+def test_an_input_that_an_older_version_did_not_know_makes_stale_where_it_has_a_value(demo):
+    """One that is optional and missing changes nothing."""
+    told = {True: 0, False: 0}
+    for name in REGISTRY.replayed:
+        held = demo.results.get(name)
+        if held is None or stale_reason(name, demo) is not None:
+            continue
+        for key, item in REGISTRY.result(name, held.message).inputs.items():
+            known = {k: digest for k, digest in held.inputs.items() if k != key}
+            older = demo.with_result(name, replace(held, inputs=known))
+            without = item.optional and is_missing(item.counted(demo))
+            reason = stale_reason(name, older)
+            assert (reason is None) == without, (name, key, reason)
+            assert without or "without" in reason
+            told[without] += 1
+    assert min(told.values()) > 2, told

@@ -117,6 +117,42 @@ def test_a_sentence_says_joint_place_time_and_posture():
     assert step.sentence.count(",") >= 6
 
 
+@pytest.mark.parametrize("quantity", ["speed", "acceleration"])
+@pytest.mark.parametrize("joint", [1, 2, 3, 4, 5, 6])
+def test_the_joint_that_is_named_is_the_one_furthest_over_its_own_limit(joint, quantity):
+    model = robot_model("rx90")  # limits differ by joint
+    limits = model.speed_rad_per_s if quantity == "speed" else model.acceleration_rad_per_s2
+    times = np.linspace(0.0, 2.0, 201)
+    if quantity == "speed":  # slowly up to a speed, and slowly back to none
+        shape = times + np.sin(2.0 * np.pi * (times - 0.5) / 2.0) / np.pi
+        shape /= np.diff(shape).max() / 0.01
+    else:  # one sample's speed after rest
+        shape = np.where(times > 1.0, 0.01**2, 0.0)
+    over = np.where(np.arange(6) == joint - 1, 1.3, 0.9)
+    q = model.home_rad + shape[:, None] * (over * limits)
+    refused = verify_foreign(model, JointMotion(times, q)).refused()
+    (found,) = [one for one in refused if one.check.name == f"joint {quantity}"]
+    assert (found.joint, found.check.value) == (joint, pytest.approx(130.0, abs=1.0))
+    assert "fails: joint" in found.sentence
+    if quantity == "acceleration":
+        assert abs(found.sample - 100.0) <= 1.0
+
+
+def test_what_holds_says_so():
+    verdict = verify_foreign(UR5, good("ur5", 1))
+    assert all(" holds: " in check.sentence for check in verdict.certificate.checks)
+
+
+def test_a_quintic_needs_accelerations_and_a_cubic_does_not():
+    at, duration_s = planned("ur5", 2)
+    times = np.linspace(0.0, duration_s, 12)
+    found = at(times)
+    motion = JointMotion(times, found.q, found.v)
+    assert len(driven(motion, "cubic").times_s) > len(times)
+    with pytest.raises(InvalidInputError, match="speeds and accelerations"):
+        driven(motion, "quintic")
+
+
 def test_a_description_has_the_limits_of_its_file(tmp_path):
     text = urdf_path("ur5").read_text()
     copy = tmp_path / "mine.urdf"
