@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+import threading
 import zipfile
 from contextlib import suppress
 from dataclasses import replace
@@ -13,15 +14,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from rona_core.devices.samples import ToolTrack
 from rona_core.errors import NotFoundError, SessionFormatError, StorageError
 from rona_core.geometry.pose import Pose, Poses
 from rona_core.session import files, members
 from rona_core.session.captures import PointerCapture
-from rona_core.session.codec import digest
+from rona_core.session.codec import STEP, decode, digest, encode
 from rona_core.session.document import Captures, LogEntry, Session
-from rona_core.session.files import load_session, save_session, session_bytes, session_from_bytes
+from rona_core.session.files import (
+    load_session,
+    lock_file,
+    save_session,
+    session_bytes,
+    session_from_bytes,
+)
 from rona_ui.resources import demo_session
 
 WHOLE = Path(__file__).resolve().parents[2] / "sessions" / "whole.rona"
@@ -386,3 +394,26 @@ load_session(sys.argv[1])
         [sys.executable, "-c", words, demo_session()], capture_output=True, text=True, check=True
     )
     assert "`import rona_core.compose` makes them known" in ended.stdout
+
+
+def test_samples_of_a_converter_are_kept_in_its_steps():
+    steps = np.arange(-300, 300, dtype=np.float32) * np.float32(STEP)
+    for array, kept in ((steps, np.int16), (steps + np.float32(STEP / 2.0), np.float32)):
+        arrays = {}
+        written = encode(array, "rf", arrays)
+        assert arrays["rf"].dtype == kept
+        np.testing.assert_array_equal(decode(written, NDArray[np.float32], arrays), array)
+
+
+def test_a_lock_that_another_holds_is_not_waited_for_unless_asked(tmp_path):
+    path = tmp_path / "lock"
+    with path.open("wb") as one, path.open("wb") as other:
+        assert lock_file(one.fileno())
+        assert not lock_file(other.fileno())
+        waiting = threading.Thread(target=lock_file, args=(other.fileno(),), kwargs={"wait": True})
+        waiting.start()
+        waiting.join(0.1)
+        assert waiting.is_alive()
+        one.close()
+        waiting.join(10.0)
+        assert not waiting.is_alive()

@@ -8,7 +8,7 @@ from tests.helpers.ui.browser_driver import SMALL, STEPS, Surgeon, wait_for
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 SIZES = ((1280, 720), (1440, 900), (1920, 1080), (900, 700))
-CROWDED = {"Path": False, "Roll": True, "Maps": True, "Implant bed": True}  # with a legend or not
+CROWDED = {"Path": True, "Roll": True, "Maps": True, "Implant bed": True}  # with a legend or not
 ROW_PX, OPEN_ROW_PX = 26, 40
 SCENE_PX = 400  # that the docks leave to the scene at least
 Box = tuple[str, float, float, float, float]  # words, left, top, right, bottom

@@ -14,7 +14,10 @@ CURSOR = "() => getComputedStyle(document.querySelector('canvas[data-engine]')).
 STROKE_POINTS = """() => {
   const node = window.__viserMutable.nodeRefFromName['/surface/stroke'];
   let count = 0;
-  node?.traverse((part) => { count += part.geometry?.attributes?.position?.count ?? 0; });
+  node?.traverse((part) => {  // a dot is a segment, and segments are instances of one
+    const parts = part.geometry?.attributes ?? {};
+    count += (parts.instanceStart ?? parts.position)?.count ?? 0;
+  });
   return count;
 }"""
 # of the words of the pressed button against what they stand on (WCAG 2)
