@@ -65,7 +65,7 @@ def click_what_leads_on(surgeon: Surgeon) -> str:
             with suppress(PlaywrightError):  # it went as the figures of its step came
                 if button.is_visible() and button.is_enabled() and button.evaluate(IS_COLOURED):
                     said = button.inner_text(timeout=3000)
-                    button.click(timeout=3000)
+                    button.click(timeout=30_000)  # drawn by software a frame takes seconds
                     return said
         return None
 

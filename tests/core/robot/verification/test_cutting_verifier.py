@@ -260,3 +260,21 @@ def test_joint_angles_that_do_not_belong_to_the_path_are_refused(motion):
         time_cutting(
             PATH, ways, stuck, RX90, CuttingSettings(), clear=lambda q: np.zeros(len(q), bool)
         )
+
+
+@pytest.mark.parametrize(
+    ("sample", "found"),
+    [
+        (0, {"acceleration of the burr", "joint acceleration at a rest"}),
+        (1, {"joint acceleration at a rest"}),
+    ],
+)
+def test_a_rest_that_comes_or_ends_too_soon_is_caught(motion, sample, found):
+    row = int(np.searchsorted(motion.times_s, PATH.rest_times_s(motion))[1])
+    gaps = np.diff(motion.times_s, prepend=0.0)
+    gaps[row + sample] /= 20.0
+    assert found <= failures(replace(motion, times_s=np.cumsum(gaps)))
+
+
+def test_a_cut_may_be_slower_than_its_feed(motion):
+    assert failures(replace(motion, times_s=1.5 * motion.times_s)) == set()
