@@ -63,9 +63,10 @@ def click_what_leads_on(surgeon: Surgeon) -> str:
         for words in ("Continue: ", *first, "Next: "):
             button = surgeon.button(words)
             with suppress(PlaywrightError):  # it went as the figures of its step came
-                if button.is_visible() and button.is_enabled() and button.evaluate(IS_COLOURED):
+                shown = button.is_visible() and button.is_enabled(timeout=3000)
+                if shown and button.evaluate(IS_COLOURED, timeout=3000):
                     said = button.inner_text(timeout=3000)
-                    button.click(timeout=30_000)  # drawn by software a frame takes seconds
+                    button.click(timeout=10_000)  # drawn by software a frame takes seconds
                     return said
         return None
 

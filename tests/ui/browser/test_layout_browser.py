@@ -64,9 +64,9 @@ def assert_in_place(surgeon: Surgeon, step: str, width: int) -> None:
     assert bool(legends) == CROWDED[step]
     for seen in (*rows, result, *buttons, *legends[:1]):
         assert 0 <= seen[2] < seen[4] <= bottom, (step, width, seen)
+    wait_for(lambda: not covered(boxes(frame, DOCKS)), f"{step} {width}: the replay to follow", 20)
     docks = boxes(frame, DOCKS)
     assert len(docks) == (2 if step == "Path" else 3)  # with the replay
-    assert covered(docks) == [], (step, width)
     assert all(0 <= dock[1] and dock[3] <= width for dock in docks)
     left, right = sorted(docks, key=lambda dock: dock[1])[0], max(docks, key=lambda dock: dock[3])
     assert right[1] - left[3] >= SCENE_PX
