@@ -99,7 +99,7 @@ def test_where_there_is_no_room_one_dock_is_open(surgeon: Surgeon) -> None:
     assert frame.evaluate(open_docks) == ["left"]
     surgeon.tab("Log")
     wait_for(lambda: frame.evaluate(open_docks) == ["right"], "the other dock alone")
-    assert covered(boxes(frame, DOCKS)) == []
+    wait_for(lambda: not covered(boxes(frame, DOCKS)), "the replay to follow", 20)
     frame.locator("[data-dock-region=left] [data-dock-tab]").first.click()
     wait_for(lambda: frame.evaluate(open_docks) == ["left"], "the steps alone")
     look(surgeon, SMALL["width"], SMALL["height"])
