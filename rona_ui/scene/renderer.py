@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from rona_core.geometry.arrays import Floats
 from rona_ui.presentation.colors import BACKGROUND, Rgb
-from rona_ui.presentation.part_by_part import PartByPart
+from rona_ui.presentation.error_boundary import ErrorBoundary
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.scene.implant import (
     BedLayer,
@@ -91,8 +91,8 @@ FLOOR_MM = -420.0  # the robot stands on a pedestal of about its base's height
 class SceneRenderer:
     """Draws snapshots into the scene of one browser."""
 
-    def __init__(self, scene: Any, parts: PartByPart) -> None:
-        self._parts = parts
+    def __init__(self, scene: Any, boundary: ErrorBoundary) -> None:
+        self._boundary = boundary
         self.nodes = SceneNodes(scene)
         scene.set_background_image(np.full((4, 4, 3), BACKGROUND, dtype=np.uint8))
         light(scene)
@@ -149,7 +149,7 @@ class SceneRenderer:
                 turned = self._stale.get(layer, stale) != stale
                 self._stale[layer] = stale
                 with self.nodes.drawn_as_stale(stale):
-                    self._parts.draw(layer, None if turned else old, new)
+                    self._boundary.draw(layer, None if turned else old, new)
 
     def skull(self) -> Any:
         """Return the viewer's handle of the skull, or None while it is not there."""

@@ -33,8 +33,8 @@ from rona_ui.presentation.camera import (
     about_pointer,
     camera_pose,
 )
+from rona_ui.presentation.error_boundary import ErrorBoundary
 from rona_ui.presentation.mouse_input import STROKES, held_move, nudged, with_pick, without_mode
-from rona_ui.presentation.part_by_part import PartByPart
 from rona_ui.presentation.snapshot import Snapshot, opening_view, shown_preset
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.path.path import point_at
@@ -147,9 +147,9 @@ class Browser:
             self._set_camera,
         )
         with client.atomic():
-            parts = PartByPart()
-            self._docks = Docks(Fields(client.gui, bindings.refuse), context, parts)
-            self._scene = SceneRenderer(client.scene, parts)
+            boundary = ErrorBoundary()
+            self._docks = Docks(Fields(client.gui, bindings.refuse), context, boundary)
+            self._scene = SceneRenderer(client.scene, boundary)
         client.camera.up_direction = UP
         client.camera.near, client.camera.far = NEAR_M, FAR_M
         client.camera.fov = FOV_RAD

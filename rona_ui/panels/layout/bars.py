@@ -189,7 +189,7 @@ class RunBar:
         """Start the next stage: the primary one of a step with its fields, once it is open."""
         stage = self._stage
         if stage is None or not self._continue.visible:
-            return  # clicked in an earlier picture, for a stage that is through by now
+            return  # it was hidden meanwhile: the click was meant for a stage that has ended
         if is_primary(stage):
             self._to_start = (self._step, stage.step, event)
         else:

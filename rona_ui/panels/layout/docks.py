@@ -5,7 +5,7 @@ from typing import Any
 
 from rona_ui.panels.implant.implant import ImplantPanel
 from rona_ui.panels.layout.bars import ReplayPanel, RunBar, StepList, StepTitle
-from rona_ui.panels.layout.frames_and_log import FramesPanel, LogPanel, Refused, Undrawn
+from rona_ui.panels.layout.frames_and_log import DrawingErrors, FramesPanel, LogPanel, Refused
 from rona_ui.panels.layout.page_link import PageLink
 from rona_ui.panels.layout.quality import QualityPanel
 from rona_ui.panels.maps.maps import MapsPanel
@@ -25,7 +25,7 @@ from rona_ui.panels.tool.calibration import CalibrationPanel
 from rona_ui.panels.tool.tool import ToolPanel
 from rona_ui.panels.widgets.form import PanelContext
 from rona_ui.panels.widgets.step_panel import StepPanel
-from rona_ui.presentation.part_by_part import Part, PartByPart
+from rona_ui.presentation.error_boundary import Drawable, ErrorBoundary
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.resources import static_dir
 
@@ -44,7 +44,7 @@ STEP_PANELS: dict[str, type[StepPanel]] = {
         ImplantPanel,
     )
 }
-Build = Callable[[Any, PanelContext], Part]
+Build = Callable[[Any, PanelContext], Drawable]
 UPPER_TABS: dict[str, tuple[str, Build]] = {  # of the right dock: icon, and what the tab shows
     "Quality": ("gauge", lambda gui, context: QualityPanel(gui)),
     "Rolls": ("rotate-360", RollsPanel),
@@ -99,8 +99,8 @@ class Docks:
     what a tab shows is built when the tab is, and follows from then on.
     """
 
-    def __init__(self, gui: Any, context: PanelContext, parts: PartByPart) -> None:
-        self._gui, self._context, self._parts = gui, context, parts
+    def __init__(self, gui: Any, context: PanelContext, boundary: ErrorBoundary) -> None:
+        self._gui, self._context, self._boundary = gui, context, boundary
         gui.set_panel_label("Procedure")
         left = gui.main_panel
         left.dock_left()
@@ -108,18 +108,18 @@ class Docks:
         sheet = (static_dir() / "docks.css").read_text("utf-8")
         gui.add_html(f"<style>{sheet}</style>")
         step_list = StepList(gui, context)
-        panels: list[Part] = [step_list, StepTitle(gui, context), TabsOfStep(gui)]
+        panels: list[Drawable] = [step_list, StepTitle(gui, context), TabsOfStep(gui)]
         self._steps: dict[str, StepPanel] = {}
         self._drawn: dict[str, Snapshot] = {}  # what their fields show, of the hidden ones as well
         run_bar = RunBar(
             gui, context, self._steps, STEP_PANELS
         )  # above the fields: it never scrolls away
-        self._undrawn = Undrawn(gui, parts)
+        self._drawing_errors = DrawingErrors(gui, boundary)
         panels += [Refused(gui), run_bar]
         buttons = {**step_list.buttons, **run_bar.buttons}
         panels.append(PageLink(gui, context, buttons, TAB_PANELS))
         self._tabs = self._right()
-        self._in_tabs: dict[str, Part] = {}
+        self._in_tabs: dict[str, Drawable] = {}
         replay = gui.add_panel(visible=False)
         with replay.add_tab("Replay", "player-play"):
             panels.append(ReplayPanel(gui, context, replay))
@@ -159,10 +159,10 @@ class Docks:
                 or name in (view.step, last.view.step)
                 or last.session.id != new.session.id
             ):
-                self._parts.draw(panel, last, new)
+                self._boundary.draw(panel, last, new)
                 self._drawn[name] = new
         for name, tab in self._in_tabs.items():
-            self._parts.draw(tab, None if name in fresh else old, new)
+            self._boundary.draw(tab, None if name in fresh else old, new)
         for panel in self._panels:
-            self._parts.draw(panel, old, new)
-        self._undrawn.render(old, new)
+            self._boundary.draw(panel, old, new)
+        self._drawing_errors.render(old, new)

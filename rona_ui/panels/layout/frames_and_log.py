@@ -12,7 +12,7 @@ from rona_core.devices.limits import heading, limits_of
 from rona_core.session.document import LogEntry
 from rona_ui.labels import label_of, place_of
 from rona_ui.panels.widgets import style
-from rona_ui.presentation.part_by_part import PartByPart
+from rona_ui.presentation.error_boundary import ErrorBoundary
 from rona_ui.presentation.snapshot import Snapshot, changed
 from rona_ui.refusals import Refusal
 from rona_ui.viewer.bindings import escape
@@ -45,21 +45,21 @@ def refused(snapshot: Snapshot) -> str:
     return f'<div role="alert">{style.note(words, "warn")}</div>'
 
 
-class Undrawn:
+class DrawingErrors:
     """Says which error keeps a part of the page from being up to date, as long as it does."""
 
-    def __init__(self, gui: Any, parts: PartByPart) -> None:
-        self._html, self._parts = gui.add_html(""), parts
+    def __init__(self, gui: Any, boundary: ErrorBoundary) -> None:
+        self._html, self._boundary = gui.add_html(""), boundary
         self._errors: tuple[str, ...] = ()
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
         """Follow what could be drawn of this snapshot."""
-        if self._parts.errors != self._errors:
-            self._errors = self._parts.errors
-            self._html.content = undrawn(self._errors)
+        if self._boundary.errors != self._errors:
+            self._errors = self._boundary.errors
+            self._html.content = drawing_errors(self._errors)
 
 
-def undrawn(errors: Sequence[str]) -> str:
+def drawing_errors(errors: Sequence[str]) -> str:
     """Return as HTML that a part of the page shows an earlier state, and why; "" for no errors."""
     if not errors:
         return ""

@@ -16,16 +16,10 @@ from rona_core.errors import CancelledError
 from rona_core.session.codec import digest
 from rona_core.session.files import load_session, session_bytes, session_from_bytes
 from tests.helpers.derived import derived
-from tests.helpers.result_differences import (
-    CLOSE,
-    CLOSE_BEHIND_A_SEARCH,
-    assert_alike,
-    compare,
-)
+from tests.helpers.result_differences import assert_alike, compare
 
 DEMO = Path(__file__).parents[3] / "sessions" / "demo.rona"
 REMEDY = "make it anew: make demo-session"
-BEHIND_A_SEARCH = ("roll", "second", "detection", "second_detection")
 # Which samples of the milling motion are left out flips, too: layers ended 5e-5 later, joints were
 # 0.006 rad apart at the same time, the largest acceleration between samples 3 %.
 CLOSE_OF_MILLING = (1e-4, 0.01, 0.05)
@@ -112,6 +106,5 @@ def test_every_result_of_the_demo_session_recomputes(session):
     for name in names:
         if name == "milling":
             continue
-        close = CLOSE_BEHIND_A_SEARCH if name in BEHIND_A_SEARCH else CLOSE
         before, again = (results.get(name).value for results in (session.results, fresh))
-        assert_alike(before, again, f"{name} ({REMEDY})", close)
+        assert_alike(before, again, name, REMEDY)

@@ -7,8 +7,8 @@ import pytest
 
 from rona_core.session.document import Session
 from rona_ui.panels.layout.docks import STEP_PANELS, TAB_PANELS, TABS, Docks
-from rona_ui.panels.layout.frames_and_log import undrawn
-from rona_ui.presentation.part_by_part import PartByPart
+from rona_ui.panels.layout.frames_and_log import drawing_errors
+from rona_ui.presentation.error_boundary import ErrorBoundary
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.viewer.fields import Fields
 from rona_ui.viewer.gateway import ViewerGateway
@@ -28,7 +28,7 @@ def gui() -> Any:
 
 @pytest.mark.filterwarnings("ignore:Queued a:UserWarning")
 def test_fields_and_tabs_are_built_when_they_are_opened_and_once(gui: Recorded) -> None:
-    docks = Docks(Fields(gui, lambda error, event: None), NOTHING, PartByPart())
+    docks = Docks(Fields(gui, lambda error, event: None), NOTHING, ErrorBoundary())
     labels = [label for _, label, _, _ in gui.controls]
     assert "Page" in labels
     assert not {"Seed", "Tolerance (mm)"} & set(labels)
@@ -76,7 +76,7 @@ def test_a_panel_that_is_opened_late_shows_what_it_would_have_shown(
 def test_fields_of_a_hidden_step_wait_and_then_show_what_has_changed(
     gui: Recorded, demo: Session
 ) -> None:
-    docks = Docks(Fields(gui, lambda error, event: None), NOTHING, PartByPart())
+    docks = Docks(Fields(gui, lambda error, event: None), NOTHING, ErrorBoundary())
     used = demo.results.smoothing.arguments["tolerance_mm"]
     typed = used + 0.5
     states = (
@@ -112,7 +112,7 @@ def test_a_panel_that_cannot_be_drawn_is_told_and_holds_up_no_other(
             self.drawn.append(old)
 
     monkeypatch.setitem(TAB_PANELS, "Quality", Broken)
-    parts = PartByPart()
+    parts = ErrorBoundary()
     docks = Docks(Fields(gui, lambda error, event: None), NOTHING, parts)
     before = snapshot(Session(), "tool")
     odd = snapshot(Session(name="odd"), "pointer")
@@ -123,7 +123,7 @@ def test_a_panel_that_cannot_be_drawn_is_told_and_holds_up_no_other(
     docks.render(odd, replace(odd, computing=True))
     assert parts.errors == ("ValueError: 470 places <b>, not 14",)
     assert capfd.readouterr().err.count("Traceback") == 1, "the log says it once"
-    said = undrawn(parts.errors)
+    said = drawing_errors(parts.errors)
     assert "Undo the last change, and report this: ValueError: 470 places &lt;b&gt;, not 14" in said
     labels = [label for _, label, _, _ in gui.controls]
     assert {"Cone (deg)", "Duration (s)"} <= set(labels), "the steps were drawn all the same"

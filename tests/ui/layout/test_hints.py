@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from rona_ui.panels.layout.docks import STEP_PANELS, TAB_PANELS, Docks
-from rona_ui.presentation.part_by_part import PartByPart
+from rona_ui.presentation.error_boundary import ErrorBoundary
 from rona_ui.viewer.fields import HINTS, OTHERS, TYPED, Fields, full_hint
 from rona_ui.viewer.gateway import ViewerGateway, uuid_of
 from tests.ui.layout.test_one_verdict import NOTHING
@@ -46,7 +46,7 @@ class Recorded:
 def docks() -> Iterator[Recorded]:
     gateway = ViewerGateway()
     gui = Recorded(gateway.server.gui)
-    docks = Docks(Fields(gui, lambda error, event: None), NOTHING, PartByPart())
+    docks = Docks(Fields(gui, lambda error, event: None), NOTHING, ErrorBoundary())
     for step in STEP_PANELS:
         docks.build(step, TAB_PANELS)
     yield gui

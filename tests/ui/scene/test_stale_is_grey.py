@@ -12,7 +12,7 @@ from rona_core.app.dependencies.judge import step_states
 from rona_core.app.dependencies.staleness import stale_reason
 from rona_core.devices.live import LiveState
 from rona_core.session.document import Session
-from rona_ui.presentation.part_by_part import PartByPart
+from rona_ui.presentation.error_boundary import ErrorBoundary
 from rona_ui.presentation.snapshot import Snapshot
 from rona_ui.presentation.view_state import ViewState
 from rona_ui.scene.renderer import SceneRenderer
@@ -71,7 +71,7 @@ class Window:
     def __init__(self) -> None:
         self.scene = FakeScene()
         self._old: Snapshot | None = None
-        self._parts = PartByPart()
+        self._parts = ErrorBoundary()
         self._renderer = SceneRenderer(self.scene, self._parts)
 
     def draw(self, session: Session, view: ViewState) -> dict[str, tuple[Any, ...]]:

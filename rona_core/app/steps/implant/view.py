@@ -115,15 +115,11 @@ def moved_bed(session: Session, place_base: ArrayLike) -> PlaceBed:
     T_map_base = required(MAPS, session).outer.T_base_map.inv()
     u_mm, v_mm, _ = T_map_base @ as_vector3(place_base, name="place_base")
     asked = message_from(held.message, dict(held.arguments))
-    return PlaceBed(
-        u_mm=round(float(u_mm), 2),
-        v_mm=round(float(v_mm), 2),
-        **placed_turns(bed),
-        **{name: getattr(asked, name) for name in ASKED},
-    )
+    kept: dict[str, Any] = {**placed_turns(bed), **{name: getattr(asked, name) for name in ASKED}}
+    return PlaceBed(u_mm=round(float(u_mm), 2), v_mm=round(float(v_mm), 2), **kept)
 
 
-def placed_turns(held: ImplantBed) -> dict[str, Any]:
+def placed_turns(held: ImplantBed) -> dict[str, float]:
     """Return angle, tilts and lift of a bed as `PlaceBed` names them."""
     at = Placement(0.0, 0.0) if held.placed is None else held.placed.placement
     turns = np.rad2deg((at.angle_rad, at.tilt_x_rad, at.tilt_y_rad))

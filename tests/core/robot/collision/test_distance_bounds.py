@@ -31,9 +31,21 @@ from rona_core.robot.verification.tolerances import DENSITY
 from tests.scenes.patch_scenes import scene_model, scene_path
 
 ROBOTS = ("rx90", "ur5", "ur10")
-# To which Coal finds a distance, wherever its search starts; how deep bodies are in one another it
-# finds to a thousandth.
+# to which Coal finds a distance, wherever its search starts, and how deep one body is in another
 SAME_MM, SAME_DEPTH = 2e-3, 1e-3
+
+
+def close_to(distance_mm):
+    """Return a distance as a test compares it: a depth (below 0) to a thousandth of it as well."""
+    return pytest.approx(distance_mm, abs=SAME_MM, rel=SAME_DEPTH if distance_mm < 0.0 else 0.0)
+
+
+def assert_close(found_mm, wanted_mm):
+    """Fail where distances are not those that are wanted, see ``close_to``."""
+    most = SAME_MM + SAME_DEPTH * np.maximum(0.0, -wanted_mm)
+    finite = np.isfinite(wanted_mm)
+    np.testing.assert_array_equal(finite, np.isfinite(found_mm))
+    assert (np.abs(found_mm - wanted_mm)[finite] <= most[finite]).all()
 
 
 class Exhaustive(CollisionWorld):
@@ -114,10 +126,8 @@ def test_the_report_is_that_of_every_pair(worlds):
         found, wanted = world.report(qs), exhaustive.report(qs)
         assert found.first_hit == wanted.first_hit
         np.testing.assert_array_equal(found.closest, wanted.closest)
-        np.testing.assert_allclose(found.room_mm, wanted.room_mm, rtol=SAME_DEPTH, atol=SAME_MM)
-        np.testing.assert_allclose(
-            found.clearance_mm, wanted.clearance_mm, rtol=SAME_DEPTH, atol=SAME_MM
-        )
+        assert_close(found.room_mm, wanted.room_mm)
+        assert_close(found.clearance_mm, wanted.clearance_mm)
 
 
 @pytest.mark.sweep(1)
@@ -126,7 +136,7 @@ def test_of_every_obstacle_the_nearest_pair_is_known_everywhere(worlds):
     for qs in motions(seed, model)[:5]:
         found, every = world.nearest_mm(qs), exhaustive.distances_mm(qs)
         known = np.isfinite(found)
-        np.testing.assert_allclose(found[known], every[known], rtol=SAME_DEPTH, atol=SAME_MM)
+        assert_close(found[known], every[known])
         for kind in {(pair.group, pair.least_mm) for pair in world.pairs}:
             of_kind = np.array([(pair.group, pair.least_mm) == kind for pair in world.pairs])
             nearest = np.where(of_kind, every, np.inf).argmin(axis=1)
@@ -154,13 +164,9 @@ def test_over_a_motion_the_nearest_of_every_obstacle_is_that_of_every_pair(world
         least, at = world.least_of_all(qs, world.bounds_mm(qs))
         for kind in {(pair.group, pair.least_mm) for pair in world.pairs}:
             of_kind = np.array([(pair.group, pair.least_mm) == kind for pair in world.pairs])
-            assert least[of_kind].min() == pytest.approx(
-                every[:, of_kind].min(), rel=SAME_DEPTH, abs=SAME_MM
-            )
+            assert least[of_kind].min() == close_to(every[:, of_kind].min())
         known = np.isfinite(least)
-        np.testing.assert_allclose(
-            least[known], every[at, np.arange(len(at))][known], rtol=SAME_DEPTH, atol=SAME_MM
-        )
+        assert_close(least[known], every[at, np.arange(len(at))][known])
 
 
 @pytest.mark.sweep(1)
@@ -171,15 +177,13 @@ def test_the_certificate_is_that_of_every_pair(worlds):
         found, wanted = (judged(w, _nearest(w, dense)) for w in (world, exhaustive))
         for check, other in zip(found[0], wanted[0], strict=True):
             assert (check.name, check.holds) == (other.name, other.holds)
-            assert check.value == pytest.approx(other.value, rel=SAME_DEPTH, abs=SAME_MM)
+            assert check.value == close_to(other.value)
             if check.index != other.index:  # as near there
                 places = slice(DENSITY * check.index, DENSITY * (check.index + 1) + 1)
                 here = exhaustive.distances_mm(dense.qs_rad[places])
                 of_group = [pair.group in check.name for pair in world.pairs]
-                assert here[:, of_group].min() == pytest.approx(
-                    check.value, rel=SAME_DEPTH, abs=SAME_MM
-                )
-        assert found[1] == pytest.approx(wanted[1], rel=SAME_DEPTH, abs=SAME_MM)
+                assert here[:, of_group].min() == close_to(check.value)
+        assert found[1] == close_to(wanted[1])
 
 
 @pytest.mark.sweep(1)
@@ -199,7 +203,7 @@ def test_the_rolls_that_are_blocked_are_those_of_every_pair(name, scene):
             for kind in (CollisionWorld, Exhaustive)
         )
         for verdict, other in zip(found.verdicts, wanted.verdicts, strict=True):
-            assert verdict.value == pytest.approx(other.value, rel=SAME_DEPTH, abs=SAME_MM)
+            assert verdict.value == close_to(other.value)
             assert replace(verdict, value=other.value) == other
         assert found.ranked == wanted.ranked
         np.testing.assert_array_equal(found.rolls.qs_rad, wanted.rolls.qs_rad)

@@ -1,4 +1,4 @@
-"""Drawing the parts of a page one by one, so that one that cannot be drawn holds up no other."""
+"""Error boundary: a panel or layer that cannot be drawn holds up no other."""
 
 import sys
 import traceback
@@ -7,7 +7,7 @@ from typing import Protocol
 from rona_ui.presentation.snapshot import Snapshot
 
 
-class Part(Protocol):
+class Drawable(Protocol):
     """A panel of the docks or a layer of the scene."""
 
     def render(self, old: Snapshot | None, new: Snapshot) -> None:
@@ -15,19 +15,19 @@ class Part(Protocol):
         ...
 
 
-class PartByPart:
-    """Draws parts; one that fails is drawn anew from nothing with the next snapshot."""
+class ErrorBoundary:
+    """Draws panels and layers one by one; after a failure one is drawn from nothing again."""
 
     def __init__(self) -> None:
-        self._failed: dict[Part, str] = {}
+        self._failed: dict[Drawable, str] = {}
 
     @property
     def errors(self) -> tuple[str, ...]:
-        """What went wrong with the parts that are not up to date, each once."""
+        """Errors of the panels and layers that are not up to date, each once."""
         return tuple(dict.fromkeys(self._failed.values()))
 
-    def draw(self, part: Part, old: Snapshot | None, new: Snapshot) -> None:
-        """Draw a part; a failure is kept in ``errors``, and written to the program's log once."""
+    def draw(self, part: Drawable, old: Snapshot | None, new: Snapshot) -> None:
+        """Draw one; a failure is kept in ``errors``, and written to the program's log once."""
         try:
             part.render(None if part in self._failed else old, new)
         except Exception as error:  # a defect in one part must not stop the page
